@@ -1,0 +1,139 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+#
+# Everything works from a fresh clone with Python 3.11 to 3.13 and make; `make help` lists it.
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+
+# The Pythons to try, in this order. The ROS wheels exist up to 3.13, noble's NumPy up to 3.12.
+PYTHONS       ?= python3 python3.13 python3.12 python3.11
+PYTHONS_NOBLE ?= python3 python3.12 python3.11
+
+# What `make test` hands to pytest, e.g. make test ARGS='-k gauge -x'
+ARGS ?=
+
+# What runs without ROS, on noble's NumPy and SciPy: the mathematics, the engine, the files.
+NOBLE_TESTS = $(wildcard test/test_se3.py test/ground_truth test/metrics test/online test/files \
+	test/test_ground_truth*.py test/test_metrics*.py test/test_online*.py test/test_files*.py)
+
+# Nodes of this machine only; messages type-checked as they are built; rclpy wants a HOME.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+export ROS_PYTHON_CHECK_FIELDS ?= 1
+export PIP_DISABLE_PIP_VERSION_CHECK = 1
+ifeq ($(strip $(HOME)),)
+export HOME := $(CURDIR)/.venv
+endif
+
+# $(call environment,DIRECTORY,PYTHONS,HIGHEST MINOR VERSION): a virtual environment, made anew where
+# an earlier installation was interrupted (pip takes a half-installed package for an installed one).
+define environment
+	if [ -e $(1)/.installing ] || ! $(1)/bin/python -m pip --version >/dev/null 2>&1; then \
+		rm -rf $(1); \
+		for python in $(2); do \
+			if $$python -c 'import ensurepip, sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, $(3)))' \
+				>/dev/null 2>&1; then found=$$python; break; fi; \
+		done; \
+		if [ -z "$${found-}" ]; then \
+			echo "error: $(1) needs Python 3.11 to 3.$(3) with its venv module, and none of" \
+				"'$(2)' is that (on Debian and Ubuntu: apt install python3-venv)" >&2; \
+			exit 1; \
+		fi; \
+		mkdir $(1) && touch $(1)/.installing && $$found -m venv $(1); \
+	fi && touch $(1)/.installing
+endef
+
+# $(call installed,DIRECTORY): the stamp that says the installation is whole.
+define installed
+	touch $(1)/.installed && rm $(1)/.installing
+endef
+
+## install: .venv with the package (editable), ROS 2 Jazzy's wheels, and every tool
+.PHONY: install
+install: .venv/.installed
+
+.venv/.installed: setup.py setup.cfg requirements/tools.txt
+	@echo "Installing into .venv (a minute or two the first time) ..."
+	@$(call environment,.venv,$(PYTHONS),13)
+	@.venv/bin/python -m pip install -qq --constraint requirements/tools.txt \
+		--editable '.[ros,bags,report,terminal,test,bench,check]'
+	@$(call installed,.venv)
+	@echo "Installed."
+
+.venv-noble/.installed: requirements/noble.txt
+	@echo "Installing noble's NumPy and SciPy into .venv-noble ..."
+	@$(call environment,.venv-noble,$(PYTHONS_NOBLE),12)
+	@.venv-noble/bin/python -m pip install -qq --requirement requirements/noble.txt
+	@$(call installed,.venv-noble)
+
+.venv-colcon/.installed: requirements/colcon.txt requirements/noble.txt
+	@echo "Installing colcon and ROS 2 into .venv-colcon ..."
+	@$(call environment,.venv-colcon,$(PYTHONS_NOBLE),12)
+	@.venv-colcon/bin/python -m pip install -qq --constraint requirements/noble.txt \
+		--requirement requirements/colcon.txt
+	@$(call installed,.venv-colcon)
+
+## demo: a live evaluation, node and player over DDS; on files with ESTIMATE=path GROUND_TRUTH=path
+.PHONY: demo demo-arguments
+demo: demo-arguments install
+	@.venv/bin/demo $${ESTIMATE:+--ground-truth "$$GROUND_TRUTH" --estimate "$$ESTIMATE"}
+
+export ESTIMATE GROUND_TRUTH
+demo-arguments:
+	@if [ -n "$$ESTIMATE" ] && [ -z "$$GROUND_TRUTH" ]; then \
+		echo "error: ESTIMATE is set and GROUND_TRUTH is not; give both, or neither" >&2; exit 2; \
+	elif [ -z "$$ESTIMATE" ] && [ -n "$$GROUND_TRUTH" ]; then \
+		echo "error: GROUND_TRUTH is set and ESTIMATE is not; give both, or neither" >&2; exit 2; \
+	fi
+
+## test: the whole suite, then the core once more on noble's NumPy and SciPy
+.PHONY: test
+test: install
+	.venv/bin/python -m pytest $(ARGS)
+	@$(MAKE) --no-print-directory test-noble
+
+## test-noble: the tests that need no ROS, on Ubuntu 24.04's NumPy 1.26.4 and SciPy 1.11.4
+.PHONY: test-noble
+test-noble: .venv-noble/.installed
+	.venv-noble/bin/python -m pytest -m 'not ros and not slow' $(ARGS) $(NOBLE_TESTS)
+
+## check: formatting, lint, types, architecture
+.PHONY: check
+check: install
+	.venv/bin/ruff format --check
+	.venv/bin/ruff check
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+
+## format: format, and fix what ruff can fix
+.PHONY: format
+format: install
+	.venv/bin/ruff format
+	.venv/bin/ruff check --fix
+
+## bench: the benchmarks, as a table
+.PHONY: bench
+bench: install
+	@.venv/bin/python -m benchmarks
+
+## colcon: colcon build and colcon test, as on a ROS machine, with colcon from PyPI
+.PHONY: colcon
+colcon: .venv-colcon/.installed
+	PATH="$(CURDIR)/.venv-colcon/bin:$$PATH" colcon build --packages-select trajeval_ros
+	PATH="$(CURDIR)/.venv-colcon/bin:$$PATH" colcon test --packages-select trajeval_ros \
+		--event-handlers console_direct+ --return-code-on-test-failure --pytest-args -m 'not slow'
+	test -x install/trajeval_ros/lib/trajeval_ros/evaluator
+
+## clean: remove what make and the tools have made, the environments too
+.PHONY: clean
+clean:
+	rm -rf .venv .venv-noble .venv-colcon build install log output *.egg-info .coverage \
+		.hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+## help: this list
+.PHONY: help
+help:
+	@sed -n 's/^## \([a-z-]*\): /\1\t/p' $(firstword $(MAKEFILE_LIST)) \
+		| while IFS="$$(printf '\t')" read -r name text; do printf 'make %-12s %s\n' "$$name" "$$text"; done

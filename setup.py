@@ -1,0 +1,58 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The package as colcon (ament_python) and pip build it."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "trajeval_ros"
+SHARE = f"share/{PACKAGE}"
+
+EXTRAS = {
+    # ROS 2 Jazzy for a machine without it; apt's packages serve a machine with it.
+    "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
+    # evaluate bag, replay bag
+    "bags": ["rosbags>=0.10"],
+    # The plots of report.html
+    "report": ["matplotlib>=3.6"],
+    # The live view of demo
+    "terminal": ["rich>=13"],
+    "test": ["pytest>=7.4", "hypothesis>=6.98", "catkin-pkg", "evo", "mpmath"],
+    "bench": ["evo", "scikit-learn"],
+    "check": ["import-linter", "mypy", "pre-commit", "ruff", "types-PyYAML"],
+}
+EXTRAS["demo"] = EXTRAS["ros"] + EXTRAS["report"] + EXTRAS["terminal"]
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Live evaluation of an estimated trajectory against ground truth on SE(3)",
+    author="The trajeval_ros authors",
+    maintainer="The trajeval_ros authors",
+    maintainer_email="maintainers@trajeval-ros.example",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={"": ["py.typed", "*.css", "*.html", "*.js"]},
+    zip_safe=False,
+    # PyYAML comes with rclpy; evaluate --params needs it on a machine without ROS too.
+    install_requires=["numpy>=1.26", "scipy>=1.11", "PyYAML>=6.0", "setuptools"],
+    extras_require=EXTRAS,
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (SHARE, ["package.xml"]),
+        (f"{SHARE}/config", sorted(glob("config/*.yaml") + glob("config/*.rviz"))),
+        (f"{SHARE}/launch", sorted(glob("launch/*.py"))),
+        (f"{SHARE}/dashboards", sorted(glob("dashboards/*"))),
+    ],
+    entry_points={
+        "console_scripts": [
+            "evaluator = trajeval_ros.node.main:main",
+            "evaluate = trajeval_ros.commands.evaluate:main",
+            "replay = trajeval_ros.commands.replay:main",
+            "demo = trajeval_ros.commands.demo:main",
+            "simulate = trajeval_ros.commands.simulate:main",
+        ],
+    },
+)

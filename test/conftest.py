@@ -1,0 +1,13 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the whole suite."""
+
+import os
+
+from hypothesis import settings
+
+# The same inputs in every run, and no time limit on one example: the machine may be busy.
+settings.register_profile("repeatable", derandomize=True, deadline=None, print_blob=True)
+# HYPOTHESIS_PROFILE=search looks for new counterexamples, many more of them.
+settings.register_profile("search", max_examples=2000, deadline=None, print_blob=True)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
