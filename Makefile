@@ -104,7 +104,7 @@ check: install
 	.venv/bin/ruff format --check
 	.venv/bin/ruff check
 	.venv/bin/mypy
-	.venv/bin/lint-imports
+	.venv/bin/lint-imports --no-logo
 
 ## format: format, and fix what ruff can fix
 .PHONY: format
