@@ -30,12 +30,12 @@ endif
 # an earlier installation was interrupted (pip takes a half-installed package for an installed one).
 define environment
 	if [ -e $(1)/.installing ] || ! $(1)/bin/python -m pip --version >/dev/null 2>&1; then \
-		rm -rf $(1); \
+		rm -rf $(1); found=; \
 		for python in $(2); do \
 			if $$python -c 'import ensurepip, sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, $(3)))' \
 				>/dev/null 2>&1; then found=$$python; break; fi; \
 		done; \
-		if [ -z "$${found-}" ]; then \
+		if [ -z "$$found" ]; then \
 			echo "error: $(1) needs Python 3.11 to 3.$(3) with its venv module, and none of" \
 				"'$(2)' is that (on Debian and Ubuntu: apt install python3-venv)" >&2; \
 			exit 1; \
@@ -120,15 +120,15 @@ bench: install
 ## colcon: colcon build and colcon test, as on a ROS machine, with colcon from PyPI
 .PHONY: colcon
 colcon: .venv-colcon/.installed
-	PATH="$(CURDIR)/.venv-colcon/bin:$$PATH" colcon build --packages-select trajeval_ros
-	PATH="$(CURDIR)/.venv-colcon/bin:$$PATH" colcon test --packages-select trajeval_ros \
+	PATH="$(CURDIR)/.venv-colcon/bin:$$PATH" colcon build
+	PATH="$(CURDIR)/.venv-colcon/bin:$$PATH" colcon test \
 		--event-handlers console_direct+ --return-code-on-test-failure --pytest-args -m 'not slow'
 	test -x install/trajeval_ros/lib/trajeval_ros/evaluator
 
 ## clean: remove what make and the tools have made, the environments too
 .PHONY: clean
 clean:
-	rm -rf .venv .venv-noble .venv-colcon build install log output *.egg-info .coverage \
+	rm -rf .venv .venv-noble .venv-colcon build install log *.egg-info \
 		.hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
