@@ -18,6 +18,7 @@ from zero to pi, and at pi itself. NaN in gives NaN out; only what comes from ou
 
 import functools
 import math
+import operator
 from fractions import Fraction
 
 import numpy as np
@@ -29,67 +30,96 @@ Array = npt.NDArray[np.float64]
 # --------------------------------------------------------------------------------------------
 # Coefficients
 #
-# With W = hat(phi), V = hat(rho), theta = |phi|, x = theta^2, every map below is a polynomial
-# of degree two in W, because W^3 = -x W:
+# With W = hat(phi), theta = |phi| and x = theta^2, W^3 = -x W, so every map on SO(3) is a
+# quadratic in W:
 #
-#   Exp(phi)        = I + A W + B W^2       A = sin(theta) / theta
-#   J_l(phi)        = I + B W + C W^2       B = (1 - cos(theta)) / theta^2
-#                                           C = (theta - sin(theta)) / theta^3
-#   J_l(phi)^-1     = I - W/2 + D W^2       D = 1/theta^2 - (1 + cos(theta)) / (2 theta sin(theta))
+#   Exp(phi)    = I + A W + B W^2      A = sin(theta) / theta
+#   J_l(phi)    = I + B W + C W^2      B = (1 - cos(theta)) / theta^2
+#                                      C = (theta - sin(theta)) / theta^3
+#   J_l^-1(phi) = I - W/2 + D W^2      D = 1/theta^2 - (1 + cos(theta)) / (2 theta sin(theta))
 #
-# The SE(3) Jacobian has the derivative of the SO(3) one along rho beside it (see
-# `left_jacobian`), which brings in the derivatives B' = (dB/dtheta) / theta = 2 dB/dx,
-# likewise C' and D'.
+# The maps on SE(3) are the same functions of ad_xi = [[W, hat(rho)], [0, W]]. Its upper right
+# block is to W as a derivative is to its value, so theirs is the derivative along rho of the
+# quadratic in W, and holds also B' = (dB/dtheta) / theta = 2 dB/dx, C' and D'. (Barfoot, State
+# Estimation for Robotics, section 7.1.5, has it as a sum of four products, the block Q; his
+# coefficients are C, (C - B') / 2 and -C' / 2, and it is the same matrix.)
+#
+# How they are computed, with u = 2^-53 = 1.1e-16. A and B have no cancellation, with
+# B = (sin(theta/2) / (theta/2))^2 / 2. The others are, each from those before it,
+#
+#   C  = (1 - A) / x                   B' = (A - 2 B) / x
+#   D  = (1 - r cos(theta/2)) / x      C' = (B - 3 C) / x
+#                                      D' = ((r^2 - 1) / x - D) / x     r = (theta/2)/sin(theta/2)
+#
+# which is one division by x, where the textbook forms divide by theta^4 or theta^5. Rounding
+# leaves a few u in each numerator of order one. Relative to the values at zero, which are 1/6,
+# 1/12, -1/12, -1/60, 1/360, that is about 6 u/x in C, 12 u/x in B' and D, 60 u/x in C' and
+# 360 u/x in D'. Below x = 4 the Taylor series serve instead. There, after 12 terms, those of A,
+# B, C, B', C' alternate with a first omitted term below 4^12/25! = 1e-18 of A, and less of the
+# others (after 11 terms: 2e-16 of A). Those of D and D' converge as (x / 4 pi^2)^k, for
+# x = 4 as 0.10^k; after 18 terms the tail is less than 3e-17 of D' (after 17: 2e-16). So no
+# truncation shows, and 360 u/4 = 1e-14 in D', whose term is the smallest of its sum, is the
+# worst that cancellation does.
 # --------------------------------------------------------------------------------------------
 _SERIES_BELOW = 4.0  # [rad^2]
-_TERMS = 20
+_EXPONENTIAL_TERMS = 12
+_LOGARITHM_TERMS = 18
 
 
-def _with_derivative(series: list[Fraction]) -> tuple[list[Fraction], list[Fraction]]:
-    """The coefficients in x of f, and of 2 df/dx."""
-    return series[:-1], [2 * k * c for k, c in enumerate(series)][1:]
+def _taylor_table(*columns: list[Fraction]) -> Array:
+    """Taylor coefficients in x, one function a column; (terms, columns)."""
+    return np.array(columns, dtype=np.float64).T.copy()
+
+
+def _double_derivative(series: list[Fraction]) -> list[Fraction]:
+    """The Taylor coefficients of 2 df/dx."""
+    return [2 * k * coefficient for k, coefficient in enumerate(series)][1:]
 
 
 def _exponential_table() -> Array:
-    """The Taylor coefficients in x of A, B, C, B', C'; (_TERMS, 5)."""
+    """The Taylor coefficients of A, B, C, B', C'."""
     a, b, c = (
-        [Fraction((-1) ** k, math.factorial(2 * k + n)) for k in range(_TERMS + 1)]
+        [Fraction((-1) ** k, math.factorial(2 * k + n)) for k in range(_EXPONENTIAL_TERMS + 1)]
         for n in (1, 2, 3)
     )
-    (b, db), (c, dc) = _with_derivative(b), _with_derivative(c)
-    return np.array([a[:-1], b, c, db, dc], dtype=np.float64).T.copy()
+    return _taylor_table(a[:-1], b[:-1], c[:-1], _double_derivative(b), _double_derivative(c))
 
 
 def _logarithm_table() -> Array:
-    """The Taylor coefficients in x of D, D'; (_TERMS, 2).
+    """The Taylor coefficients of D, D', from those of the cotangent.
 
-    (theta/2) cot(theta/2) = 1 - sum_k |b_2k| x^k / (2k)!, with the Bernoulli numbers b.
+    1 - x D = (theta/2) cot(theta/2) = 1 - sum_k |b_2k| x^k / (2k)!, with Bernoulli's numbers b.
     """
-    bernoulli = [Fraction(1)]
-    for n in range(1, 2 * _TERMS + 3):
-        total = sum((math.comb(n + 1, k) * b for k, b in enumerate(bernoulli)), Fraction(0))
-        bernoulli.append(-total / (n + 1))
-    d = [abs(bernoulli[2 * k + 2]) / math.factorial(2 * k + 2) for k in range(_TERMS + 1)]
-    return np.array(_with_derivative(d), dtype=np.float64).T.copy()
+    b = [Fraction(1)]
+    for n in range(1, 2 * _LOGARITHM_TERMS + 3):
+        total = sum((math.comb(n + 1, k) * b_k for k, b_k in enumerate(b)), Fraction(0))
+        b.append(-total / (n + 1))
+    d = [abs(b[k]) / math.factorial(k) for k in range(2, len(b), 2)]
+    return _taylor_table(d[:-1], _double_derivative(d))
 
 
 _EXPONENTIAL_TABLE = _exponential_table()
 _LOGARITHM_TABLE = _logarithm_table()
 
 
-def _series(x: Array, table: Array) -> Array:
-    """The power series in x, (...), of each of the table's columns; (..., columns)."""
-    powers = np.ones((*x.shape, table.shape[0]))
+def _taylor(x: Array, table: Array) -> Array:
+    """The sums of the series in a table at x, (...); (..., columns)."""
+    powers = np.ones((*x.shape, len(table)))
     powers[..., 1:] = x[..., None]
     return np.multiply.accumulate(powers, axis=-1) @ table
 
 
-def _exponential_coefficients(x: Array) -> Array:
-    """A, B, C, B', C' at x = theta^2, (...); (..., 5)."""
+def _columns(values: Array) -> tuple[Array, ...]:
+    """The columns of (..., n), each to multiply matrices by; n times (..., 1, 1)."""
+    return tuple(values[..., k, None, None] for k in range(values.shape[-1]))
+
+
+def _exponential_coefficients(x: Array) -> tuple[Array, ...]:
+    """A, B, C, B', C' at x = |phi|^2, (...); each (..., 1, 1)."""
     small = x < _SERIES_BELOW
-    series = _series(np.minimum(x, _SERIES_BELOW), _EXPONENTIAL_TABLE)
+    series = _taylor(np.minimum(x, _SERIES_BELOW), _EXPONENTIAL_TABLE)
     if small.all():
-        return series
+        return _columns(series)
     x = np.maximum(x, _SERIES_BELOW)
     theta = np.sqrt(x)
     half = 0.5 * theta
@@ -97,30 +127,31 @@ def _exponential_coefficients(x: Array) -> Array:
     b = 0.5 * (np.sin(half) / half) ** 2
     c = (1.0 - a) / x
     closed = np.stack([a, b, c, (a - 2.0 * b) / x, (b - 3.0 * c) / x], axis=-1)
-    return np.where(small[..., None], series, closed)
+    return _columns(np.where(small[..., None], series, closed))
 
 
-def _logarithm_coefficients(x: Array) -> Array:
-    """D, D' at x = theta^2, (...); (..., 2)."""
+def _logarithm_coefficients(x: Array) -> tuple[Array, ...]:
+    """D, D' at x = |phi|^2, (...); each (..., 1, 1)."""
     small = x < _SERIES_BELOW
-    series = _series(np.minimum(x, _SERIES_BELOW), _LOGARITHM_TABLE)
+    series = _taylor(np.minimum(x, _SERIES_BELOW), _LOGARITHM_TABLE)
     if small.all():
-        return series
+        return _columns(series)
     x = np.maximum(x, _SERIES_BELOW)
     half = 0.5 * np.sqrt(x)
     ratio = half / np.sin(half)
     d = (1.0 - ratio * np.cos(half)) / x
     closed = np.stack([d, ((ratio * ratio - 1.0) / x - d) / x], axis=-1)
-    return np.where(small[..., None], series, closed)
+    return _columns(np.where(small[..., None], series, closed))
 
 
 # --------------------------------------------------------------------------------------------
-# SO(3)
+# Rotations
 # --------------------------------------------------------------------------------------------
 _IDENTITY_3 = np.eye(3)
 _IDENTITY_4 = np.eye(4)
+_TINY = float(np.finfo(np.float64).tiny)
 
-# hat(v) = v @ _HAT, reshaped
+# hat(v) is linear in v, and one product with a constant is the fastest way to many of them
 _HAT = np.zeros((3, 9))
 _HAT[[0, 1, 2], [7, 2, 3]] = 1.0
 _HAT[[0, 1, 2], [5, 6, 1]] = -1.0
@@ -131,7 +162,7 @@ def hat(v: Array) -> Array:
 
     v: (..., 3). Returns (..., 3, 3).
     """
-    return (v @ _HAT).reshape(*v.shape, 3)
+    return np.asarray(v @ _HAT).reshape(*v.shape, 3)
 
 
 def _squared_norm(v: Array) -> Array:
@@ -139,25 +170,23 @@ def _squared_norm(v: Array) -> Array:
 
 
 def exp_so3(phi: Array) -> Array:
-    """The rotation by the angle |phi| about phi (Rodrigues' formula).
+    """The rotation by the angle |phi| about the axis phi (Rodrigues).
 
-    phi: rotation vector, (..., 3), radians, any length. Returns (..., 3, 3).
+    phi: rotation vector of any length, (..., 3), radians. Returns (..., 3, 3).
     """
-    coefficients = _exponential_coefficients(_squared_norm(phi))
+    a, b, *_ = _exponential_coefficients(_squared_norm(phi))
     w = hat(phi)
-    a, b = (coefficients[..., k, None, None] for k in (0, 1))
-    return _IDENTITY_3 + a * w + b * (w @ w)
+    return np.asarray(_IDENTITY_3 + a * w + b * (w @ w))
 
 
 def _quaternion_table() -> Array:
-    """The linear map from a rotation matrix, as nine numbers, to 4 q q^T - I, as sixteen."""
+    """The linear map of a rotation R(q), as nine numbers, to 4 q q^T - I, as sixteen."""
     table = np.zeros((3, 3, 4, 4))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         table[i, i, [i, j, k, 3], [i, j, k, 3]] = (1.0, -1.0, -1.0, 1.0)
-        table[i, j, [i, j], [j, i]] = 1.0
-        table[j, i, [i, j], [j, i]] = 1.0
-        table[k, j, [i, 3], [3, i]] = 1.0
-        table[j, k, [i, 3], [3, i]] = -1.0
+        for sign, element in ((1.0, table[k, j]), (-1.0, table[j, k])):
+            element[[j, k], [k, j]] = 1.0
+            element[[i, 3], [3, i]] = sign
     return table.reshape(9, 16)
 
 
@@ -165,40 +194,53 @@ _QUATERNION_TABLE = _quaternion_table()
 
 
 def _quaternion(rotation: Array) -> Array:
-    """The unit quaternion (x, y, z, w), w >= 0, of the nearest rotation; (..., 4)."""
+    """The unit quaternion (x, y, z, w), w >= 0, of the nearest rotation; (..., 4).
+
+    Of a rotation, the matrix K = 4 q q^T has any of its columns along q; the one with the
+    largest diagonal element is at least 2 long, so nothing cancels (Shepperd). Of a nearly
+    orthonormal matrix, the nearest rotation's q is K's dominant eigenvector (Bar-Itzhack), and
+    one more product with K takes that column from an error of the order of the deviation to
+    its square.
+    """
     batch = rotation.shape[:-2]
-    outer = (rotation.reshape(*batch, 9) @ _QUATERNION_TABLE).reshape(*batch, 4, 4) + _IDENTITY_4
-    start = _IDENTITY_4[np.argmax(np.einsum("...ii->...i", outer), axis=-1)]
-    q = (outer @ (outer @ start[..., None]))[..., 0]
-    norm = np.sqrt(_squared_norm(q))
-    return np.asarray(q / np.copysign(norm, q[..., 3])[..., None])
+    k = rotation.reshape(*batch, 9) @ _QUATERNION_TABLE + _IDENTITY_4.ravel()
+    largest = _IDENTITY_4[np.argmax(k[..., ::5], axis=-1)]
+    k = k.reshape(*batch, 4, 4)
+    q = (k @ (k @ largest[..., None]))[..., 0]
+    return np.asarray(q / np.copysign(np.sqrt(_squared_norm(q)), q[..., 3])[..., None])
 
 
 def log_so3(rotation: Array) -> Array:
-    """The rotation vector of a rotation, of length at most pi: the inverse of `exp_so3`.
+    """The rotation vector, of length at most pi: the inverse of `exp_so3`.
 
     rotation: (..., 3, 3). Returns (..., 3), radians.
+
+    At the angle pi itself, where phi and -phi are the same rotation, one of them. Of a matrix
+    that is a rotation only up to a small deviation, as a file's decimals or a long product
+    leave it, the logarithm of the nearest rotation (Frobenius), up to the square of that
+    deviation: 1e-12 from one of 1e-6. A matrix near no rotation is not detected.
     """
     q = _quaternion(rotation)
-    v, w = q[..., :3], q[..., 3]
-    sine = np.sqrt(_squared_norm(v))
-    zero = sine == 0.0
-    factor = np.where(zero, 2.0, 2.0 * np.arctan2(sine, w) / np.where(zero, 1.0, sine))
-    return np.asarray(factor[..., None] * v)
+    v, cosine = q[..., :3], q[..., 3]
+    # of the half angle; the arctangent keeps its digits at both ends, as the arccosine does not.
+    # The bound, below any v whose square is not zero, leaves the limit 2 / cosine at zero.
+    sine = np.maximum(np.sqrt(_squared_norm(v)), _TINY)
+    return np.asarray((2.0 * np.arctan2(sine, cosine) / sine)[..., None] * v)
 
 
 # --------------------------------------------------------------------------------------------
-# SE(3)
+# Poses
 # --------------------------------------------------------------------------------------------
 def _pose(rotation: Array, position: Array) -> Array:
-    pose = np.zeros((*position.shape[:-1], 4, 4))
-    pose[..., :3, :3] = rotation
-    pose[..., :3, 3] = position
-    pose[..., 3, 3] = 1.0
-    return pose
+    """[[rotation, position], [0, 1]]; (..., 4, 4)."""
+    out = np.zeros((*position.shape[:-1], 4, 4))
+    out[..., :3, :3] = rotation
+    out[..., :3, 3] = position
+    out[..., 3, 3] = 1.0
+    return out
 
 
-def _blocks(diagonal: Array, upper: Array) -> Array:
+def _block_triangle(diagonal: Array, upper: Array | float) -> Array:
     """[[diagonal, upper], [0, diagonal]]; (..., 6, 6)."""
     out = np.zeros((*diagonal.shape[:-2], 6, 6))
     out[..., :3, :3] = diagonal
@@ -208,41 +250,41 @@ def _blocks(diagonal: Array, upper: Array) -> Array:
 
 
 def exp(xi: Array) -> Array:
-    """The pose ``Exp(xi)``: ``[[Exp(phi), J_l(phi) rho], [0, 1]]``.
+    """The pose ``Exp(xi) = [[Exp(phi), J_l(phi) rho], [0, 1]]``.
 
-    xi: (..., 6). Returns (..., 4, 4).
+    xi: (..., 6), with a rotation of any angle. Returns (..., 4, 4).
     """
     rho, phi = xi[..., :3], xi[..., 3:]
-    coefficients = _exponential_coefficients(_squared_norm(phi))
-    a, b, c = (coefficients[..., k, None, None] for k in (0, 1, 2))
+    a, b, c, *_ = _exponential_coefficients(_squared_norm(phi))
     w = hat(phi)
     w2 = w @ w
-    jacobian = _IDENTITY_3 + b * w + c * w2
-    return _pose(_IDENTITY_3 + a * w + b * w2, (jacobian @ rho[..., None])[..., 0])
+    position = (_IDENTITY_3 + b * w + c * w2) @ rho[..., None]
+    return _pose(np.asarray(_IDENTITY_3 + a * w + b * w2), position[..., 0])
 
 
 def log(pose: Array) -> Array:
-    """The tangent vector of a pose, with |phi| <= pi: the inverse of `exp`.
+    """The tangent vector ``Log(T) = (J_l(phi)^-1 t, phi)``, |phi| <= pi: the inverse of `exp`.
 
-    pose: (..., 4, 4). Returns (..., 6).
+    pose: (..., 4, 4); see `log_so3` for its rotation. Returns (..., 6).
     """
     phi = log_so3(pose[..., :3, :3])
-    d = _logarithm_coefficients(_squared_norm(phi))[..., 0, None, None]
+    d, _ = _logarithm_coefficients(_squared_norm(phi))
     w = hat(phi)
-    inverse_jacobian = _IDENTITY_3 - 0.5 * w + d * (w @ w)
-    return np.concatenate([(inverse_jacobian @ pose[..., :3, 3:])[..., 0], phi], axis=-1)
+    rho = (_IDENTITY_3 - 0.5 * w + d * (w @ w)) @ pose[..., :3, 3:]
+    return np.concatenate([rho[..., 0], phi], axis=-1)
 
 
 def compose(first: Array, *others: Array) -> Array:
-    """The product of poses: ``compose(T_a_b, T_b_c)`` is T_a_c.
+    """The product of poses, from the left: ``T_a_b, T_b_c -> T_a_c``.
 
-    Each: (..., 4, 4). Returns (..., 4, 4).
+    Each (..., 4, 4). Returns (..., 4, 4). Nothing is renormalised: every product adds its
+    rounding to the rotation, and `log` takes the nearest one.
     """
-    return functools.reduce(np.matmul, others, first)
+    return functools.reduce(operator.matmul, others, first)
 
 
 def inverse(pose: Array) -> Array:
-    """The inverse ``[[R^T, -R^T t], [0, 1]]``: of T_a_b, T_b_a.
+    """The inverse ``T_b_a = [[R^T, -R^T t], [0, 1]]`` of T_a_b.
 
     pose: (..., 4, 4). Returns (..., 4, 4).
     """
@@ -256,82 +298,89 @@ def adjoint(pose: Array) -> Array:
     pose: (..., 4, 4). Returns (..., 6, 6).
     """
     rotation = pose[..., :3, :3]
-    return _blocks(rotation, hat(pose[..., :3, 3]) @ rotation)
+    return _block_triangle(rotation, hat(pose[..., :3, 3]) @ rotation)
+
+
+def _quadratic_in_ad(xi: Array, p: Array | float, q: Array, dp: Array | float, dq: Array) -> Array:
+    """f(ad_xi) for f(W) = I + p W + q W^2, with p, q and dp = p', dq = q' of |phi|; (..., 6, 6).
+
+    Along rho, theta^2 has the derivative 2 phi . rho, p therefore p' phi . rho.
+    """
+    rho, phi = xi[..., :3], xi[..., 3:]
+    w, v = hat(phi), hat(rho)
+    w2, wv = w @ w, w @ v
+    dot = (rho * phi).sum(axis=-1)[..., None, None]
+    upper = p * v + q * (wv + wv.swapaxes(-1, -2)) + dot * (dp * w + dq * w2)
+    return _block_triangle(np.asarray(_IDENTITY_3 + p * w + q * w2), upper)
 
 
 def left_jacobian(xi: Array) -> Array:
     """``J_l(xi)``, for which ``Exp(xi + d) = Exp(J_l(xi) d) Exp(xi)`` to first order in d.
 
-    xi: (..., 6). Returns (..., 6, 6).
+    xi: (..., 6). Returns (..., 6, 6): ``sum_k ad_xi^k / (k + 1)!``.
     """
-    rho, phi = xi[..., :3], xi[..., 3:]
-    coefficients = _exponential_coefficients(_squared_norm(phi))
-    b, c, db, dc = (coefficients[..., k, None, None] for k in (1, 2, 3, 4))
-    dot = (rho * phi).sum(axis=-1)[..., None, None]
-    w, v = hat(phi), hat(rho)
-    w2, wv = w @ w, w @ v
-    upper = b * v + c * (wv + wv.swapaxes(-1, -2)) + dot * (db * w + dc * w2)
-    return _blocks(_IDENTITY_3 + b * w + c * w2, upper)
+    _, b, c, db, dc = _exponential_coefficients(_squared_norm(xi[..., 3:]))
+    return _quadratic_in_ad(xi, b, c, db, dc)
 
 
 def right_jacobian(xi: Array) -> Array:
     """``J_r(xi)``, for which ``Exp(xi + d) = Exp(xi) Exp(J_r(xi) d)`` to first order in d.
 
-    xi: (..., 6). Returns (..., 6, 6).
+    xi: (..., 6). Returns (..., 6, 6): ``J_l(-xi)``.
     """
     return left_jacobian(-xi)
 
 
 def left_jacobian_inverse(xi: Array) -> Array:
-    """``J_l(xi)^-1``, for which ``Log(Exp(d) Exp(xi)) = xi + J_l(xi)^-1 d`` to first order.
+    """``J_l(xi)^-1``, for which ``Log(Exp(d) Exp(xi)) = xi + J_l(xi)^-1 d`` to first order in d.
 
-    xi: (..., 6). Returns (..., 6, 6).
+    xi: (..., 6), |phi| < 2 pi, where it is singular. Returns (..., 6, 6).
     """
-    rho, phi = xi[..., :3], xi[..., 3:]
-    coefficients = _logarithm_coefficients(_squared_norm(phi))
-    d, dd = (coefficients[..., k, None, None] for k in (0, 1))
-    dot = (rho * phi).sum(axis=-1)[..., None, None]
-    w, v = hat(phi), hat(rho)
-    w2, wv = w @ w, w @ v
-    upper = -0.5 * v + d * (wv + wv.swapaxes(-1, -2)) + dot * dd * w2
-    return _blocks(_IDENTITY_3 - 0.5 * w + d * w2, upper)
+    d, dd = _logarithm_coefficients(_squared_norm(xi[..., 3:]))
+    return _quadratic_in_ad(xi, -0.5, d, 0.0, dd)
 
 
 def right_jacobian_inverse(xi: Array) -> Array:
-    """``J_r(xi)^-1``, for which ``Log(Exp(xi) Exp(d)) = xi + J_r(xi)^-1 d`` to first order.
+    """``J_r(xi)^-1``, for which ``Log(Exp(xi) Exp(d)) = xi + J_r(xi)^-1 d`` to first order in d.
 
-    xi: (..., 6). Returns (..., 6, 6).
+    xi: (..., 6), |phi| < 2 pi, where it is singular. Returns (..., 6, 6): ``J_l(-xi)^-1``.
     """
     return left_jacobian_inverse(-xi)
 
 
 def interpolate(pose_a: Array, pose_b: Array, weight: Array | float) -> Array:
-    """The pose at ``weight`` on the geodesic from a to b: ``T_a Exp(w Log(T_a^-1 T_b))``.
+    """The pose ``T_a Exp(w Log(T_a^-1 T_b))``: on the screw motion from a, w = 0, to b, w = 1.
 
-    pose_a, pose_b: (..., 4, 4). weight: (...), 0 at a and 1 at b. Returns (..., 4, 4).
+    pose_a, pose_b: (..., 4, 4). weight: (...). Returns (..., 4, 4).
     """
-    step = log(inverse(pose_a) @ pose_b)
-    return pose_a @ exp(np.asarray(weight)[..., None] * step)
+    step = log(compose(inverse(pose_a), pose_b))
+    return compose(pose_a, exp(np.asarray(weight)[..., None] * step))
 
 
 # --------------------------------------------------------------------------------------------
-# ROS
+# As ROS has them
 # --------------------------------------------------------------------------------------------
-def from_position_quaternion(position: Array, quaternion: Array) -> Array:
-    """The pose with a position and an orientation; the quaternion is normalised.
+def _require(good: npt.NDArray[np.bool_], problem: str) -> None:
+    if not good.all():
+        index = ", ".join(str(i) for i in np.argwhere(~good)[0])
+        raise ValueError(f"{problem} (index {index})" if index else problem)
+
+
+def from_position_quaternion(position: npt.ArrayLike, quaternion: npt.ArrayLike) -> Array:
+    """The pose of a position and an orientation, whose quaternion is normalised.
 
     position: (..., 3), metres. quaternion: (..., 4), (x, y, z, w). Returns (..., 4, 4).
 
-    Raises ValueError where a number is not finite, or a quaternion is zero.
+    Raises ValueError if a number is not finite or a quaternion is zero.
     """
-    if not np.isfinite(position).all():
-        raise ValueError("a position is not finite")
-    if not np.isfinite(quaternion).all():
-        raise ValueError("a quaternion is not finite")
-    largest = np.abs(quaternion).max(axis=-1, keepdims=True)
-    if not (largest > 0.0).all():
-        raise ValueError("a quaternion is zero, so it is no orientation")
-    scaled = quaternion / largest
+    position = np.asarray(position, dtype=np.float64)
+    quaternion = np.asarray(quaternion, dtype=np.float64)
+    _require(np.isfinite(position).all(axis=-1), "a position is not finite")
+    _require(np.isfinite(quaternion).all(axis=-1), "a quaternion is not finite")
+    largest = np.abs(quaternion).max(axis=-1)
+    _require(largest > 0.0, "a quaternion is zero, which is no orientation")
+    # twice, so that neither squaring a tiny nor a huge number takes the norm away
+    scaled = quaternion / largest[..., None]
     q = scaled / np.sqrt(_squared_norm(scaled))[..., None]
     w = hat(q[..., :3])
     rotation = _IDENTITY_3 + 2.0 * (q[..., 3, None, None] * w + w @ w)
@@ -342,28 +391,32 @@ def from_position_quaternion(position: Array, quaternion: Array) -> Array:
 def to_position_quaternion(pose: Array) -> tuple[Array, Array]:
     """The position and the unit quaternion (x, y, z, w), w >= 0, of a pose.
 
-    pose: (..., 4, 4). Returns (..., 3) and (..., 4).
+    pose: (..., 4, 4); see `log_so3` for its rotation. Returns (..., 3), metres, and (..., 4).
     """
     return pose[..., :3, 3].copy(), _quaternion(pose[..., :3, :3])
 
 
 def _rotate_covariance(covariance: Array, rotation: Array) -> Array:
-    both = _blocks(rotation, np.zeros(()))
-    return both @ covariance @ both.swapaxes(-1, -2)
+    both = _block_triangle(rotation, 0.0)
+    return np.asarray(both @ covariance @ both.swapaxes(-1, -2))
 
 
 def covariance_to_fixed_axes(covariance: Array, pose: Array) -> Array:
-    """A covariance of the body frame, as ROS has it: about the fixed axes of the parent frame.
+    """The covariance of a ROS PoseWithCovariance from the one in the body frame.
 
-    covariance: (..., 6, 6). pose: (..., 4, 4). Returns ``B covariance B^T``, (..., 6, 6), with
-    ``B = blkdiag(R, R)``.
+    ROS takes position and rotation each about the fixed axes of the parent frame:
+    ``t + d_t, Exp(d_R) R``, with ``(d_t, d_R) = blkdiag(R, R) xi`` to first order.
+
+    covariance: of ``xi`` in ``T Exp(xi)``, (..., 6, 6). pose: (..., 4, 4).
+    Returns (..., 6, 6), symmetric to round-off.
     """
     return _rotate_covariance(covariance, pose[..., :3, :3])
 
 
 def covariance_from_fixed_axes(covariance: Array, pose: Array) -> Array:
-    """A covariance as ROS has it, in the body frame: the inverse of `covariance_to_fixed_axes`.
+    """The covariance in the body frame from the one of a ROS PoseWithCovariance.
 
-    covariance: (..., 6, 6). pose: (..., 4, 4). Returns (..., 6, 6).
+    The inverse of `covariance_to_fixed_axes`. covariance: (..., 6, 6). pose: (..., 4, 4).
+    Returns (..., 6, 6), symmetric to round-off.
     """
     return _rotate_covariance(covariance, pose[..., :3, :3].swapaxes(-1, -2))
