@@ -1,0 +1,219 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The output folder: what is in it, when, and what a reader may rely on."""
+
+import csv
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from trajeval_ros import se3
+from trajeval_ros.files.output import COLUMNS, OutputError, OutputFolder
+
+Array = npt.NDArray[np.float64]
+
+# INTERFACE: the columns as they are promised, spelt out.
+PROMISED = (
+    "stamp_ns,gt_tx,gt_ty,gt_tz,gt_qx,gt_qy,gt_qz,gt_qw,"
+    "cov_00,cov_01,cov_02,cov_03,cov_04,cov_05,cov_11,cov_12,cov_13,cov_14,cov_15,"
+    "cov_22,cov_23,cov_24,cov_25,cov_33,cov_34,cov_35,cov_44,cov_45,cov_55,"
+    "est_tx,est_ty,est_tz,est_qx,est_qy,est_qz,est_qw,"
+    "e_0,e_1,e_2,e_3,e_4,e_5,chi2,log_det,log_likelihood"
+)
+
+
+@dataclass(frozen=True)
+class Rows:
+    stamps: npt.NDArray[np.int64]
+    ground_truth: Array
+    covariance: Array
+    estimate: Array
+    relative_error: Array
+    chi2: Array
+    log_det: Array
+    log_likelihood: Array
+
+    def part(self, rows: slice) -> "Rows":
+        return Rows(**{name: values[rows] for name, values in vars(self).items()})
+
+
+def make_rows(count: int, seed: int = 0) -> Rows:
+    generator = np.random.default_rng(seed)
+    roots = generator.normal(size=(count, 6, 6))
+    error = generator.normal(size=(count, 6)) * 1e-3
+    error[:1] = np.nan
+    return Rows(
+        stamps=np.int64(1403715529_112143517) + np.arange(count) * np.int64(49_999_999),
+        ground_truth=se3.exp(generator.normal(size=(count, 6))),
+        covariance=roots @ roots.swapaxes(-1, -2) * 1e-6,
+        estimate=se3.exp(generator.normal(size=(count, 6))),
+        relative_error=error,
+        chi2=generator.normal(size=count) ** 2,
+        log_det=generator.normal(size=count),
+        log_likelihood=generator.normal(size=count),
+    )
+
+
+def read_rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "poses.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def stack(rows: list[dict[str, str]], *names: str) -> Array:
+    return np.array([[float(row[name]) for name in names] for row in rows])
+
+
+def test_columns_are_the_promised_ones(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as folder:
+        folder.write({})
+    assert (tmp_path / "poses.csv").read_text(encoding="utf-8") == PROMISED + "\n"
+    assert ",".join(COLUMNS) == PROMISED
+
+
+def test_rows_read_back_exactly(tmp_path: Path) -> None:
+    rows = make_rows(5)
+    with OutputFolder(tmp_path) as folder:
+        folder.add(rows.part(slice(0, 2)))
+        folder.add(rows.part(slice(2, 2)))
+        folder.add(rows.part(slice(2, 5)))
+        folder.write({})
+    read = read_rows(tmp_path)
+    assert [int(row["stamp_ns"]) for row in read] == rows.stamps.tolist()
+    for name in ("chi2", "log_det", "log_likelihood"):
+        assert stack(read, name)[:, 0].tolist() == getattr(rows, name).tolist()
+    error_names = [f"e_{axis}" for axis in range(6)]
+    assert [read[0][name] for name in error_names] == [""] * 6
+    assert stack(read[1:], *error_names).tolist() == rows.relative_error[1:].tolist()
+    for row, column in zip(*np.triu_indices(6), strict=True):
+        expected = rows.covariance[:, row, column].tolist()
+        assert stack(read, f"cov_{row}{column}")[:, 0].tolist() == expected
+    for prefix, poses in (("gt", rows.ground_truth), ("est", rows.estimate)):
+        position = stack(read, f"{prefix}_tx", f"{prefix}_ty", f"{prefix}_tz")
+        assert position.tolist() == poses[:, :3, 3].tolist()
+        quaternion = stack(read, *(f"{prefix}_q{axis}" for axis in "xyzw"))
+        back = se3.from_position_quaternion(position, quaternion)
+        np.testing.assert_allclose(back, poses, atol=1e-15)
+
+
+def test_every_write_is_complete_to_that_moment(tmp_path: Path) -> None:
+    rows = make_rows(7)
+    with OutputFolder(tmp_path / "a" / "b") as folder:
+        for end in range(1, 8):
+            folder.add(rows.part(slice(end - 1, end)))
+            folder.write({"estimate": {"evaluated": end}}, lambda summary: f"<p>{summary}</p>")
+            assert len(read_rows(folder.path)) == end
+            summary = json.loads((folder.path / "summary.json").read_text(encoding="utf-8"))
+            assert summary == {"estimate": {"evaluated": end}}
+            assert f"{end}" in (folder.path / "report.html").read_text(encoding="utf-8")
+    assert sorted(path.name for path in folder.path.iterdir()) == [
+        "poses.csv",
+        "report.html",
+        "summary.json",
+    ]
+
+
+def test_nothing_but_the_stream_before_the_first_write(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as folder:
+        folder.add(make_rows(3))
+        assert [path.suffix for path in tmp_path.iterdir()] == [".partial"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_have_the_permissions_of_any_file(tmp_path: Path) -> None:
+    (tmp_path / "other").touch()
+    with OutputFolder(tmp_path) as folder:
+        folder.write({})
+    modes = {path.name: path.stat().st_mode for path in tmp_path.iterdir()}
+    assert modes["poses.csv"] == modes["summary.json"] == modes["other"]
+
+
+def test_clear_starts_over(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as folder:
+        folder.add(make_rows(5, seed=1))
+        folder.write({})
+        folder.clear()
+        assert len(read_rows(tmp_path)) == 5
+        folder.add(make_rows(2, seed=2))
+        folder.write({})
+    read = read_rows(tmp_path)
+    assert stack(read, "chi2")[:, 0].tolist() == make_rows(2, seed=2).chi2.tolist()
+
+
+def test_move_takes_the_rows_along(tmp_path: Path) -> None:
+    rows = make_rows(6)
+    folder = OutputFolder(tmp_path / "old")
+    folder.add(rows.part(slice(0, 4)))
+    with folder.move(tmp_path / "new") as moved:
+        moved.add(rows.part(slice(4, 6)))
+        moved.write({})
+    assert stack(read_rows(tmp_path / "new"), "chi2")[:, 0].tolist() == rows.chi2.tolist()
+    assert list((tmp_path / "old").iterdir()) == []
+
+
+def test_folder_that_was_removed_is_made_again(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path / "run") as folder:
+        folder.add(make_rows(3))
+        for path in folder.path.iterdir():
+            path.unlink()
+        folder.path.rmdir()
+        folder.write({})
+        assert len(read_rows(folder.path)) == 3
+
+
+def test_folder_that_cannot_be_made_says_which(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match=r"cannot write the output folder: .*file.*") as caught:
+        OutputFolder(tmp_path / "file" / "run")
+    assert "\n" not in str(caught.value)
+
+
+def test_file_that_cannot_be_replaced_says_which(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as folder:
+        (tmp_path / "summary.json").mkdir()
+        with pytest.raises(OutputError, match=r"summary\.json"):
+            folder.write({})
+        assert not list(tmp_path.glob(".summary*"))
+        (tmp_path / "summary.json").rmdir()
+        folder.write({})
+
+
+def test_a_nan_in_the_summary_is_refused(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path) as folder:
+        with pytest.raises(ValueError, match="not JSON compliant"):
+            folder.write({"chi2": float("nan")})
+        assert not (tmp_path / "summary.json").exists()
+
+
+@pytest.mark.parametrize("interrupts", [1, 2, 3])
+def test_interrupts_are_raised_after_everything_is_written(tmp_path: Path, interrupts: int) -> None:
+    calls: list[int] = []
+
+    def render(summary: Any) -> str:
+        calls.append(1)
+        if len(calls) <= interrupts:
+            raise KeyboardInterrupt
+        return "whole"
+
+    with OutputFolder(tmp_path) as folder:
+        folder.add(make_rows(2))
+        with pytest.raises(KeyboardInterrupt):
+            folder.write({}, render)
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "whole"
+    assert sorted(os.listdir(tmp_path)) == ["poses.csv", "report.html", "summary.json"]
+
+
+def test_summary_and_rows_are_safe_when_the_report_fails(tmp_path: Path) -> None:
+    def render(summary: Any) -> str:
+        raise RuntimeError("no picture")
+
+    with OutputFolder(tmp_path) as folder:
+        folder.add(make_rows(2))
+        with pytest.raises(RuntimeError, match="no picture"):
+            folder.write({}, render)
+    assert sorted(os.listdir(tmp_path)) == ["poses.csv", "summary.json"]
