@@ -1,0 +1,72 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a report gathers while a run goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.report.coverage import Coverage
+from trajeval_ros.report.page import page
+from trajeval_ros.report.run import Notice, Run
+from trajeval_ros.report.track import Evaluations, Track
+
+_MOST_NOTICES = 100
+
+
+class Report:
+    """A run as the report will show it, in bounded memory.
+
+    ``parameters`` are the engine's, ``sources`` say where each trajectory comes from, e.g.
+    ``{"ground truth": "/ground_truth", "estimate": "/odom"}``.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], sources: Mapping[str, str]) -> None:
+        self.parameters = dict(parameters)
+        self.sources = dict(sources)
+        self.clear()
+
+    def clear(self) -> None:
+        """Start over."""
+        self.track = Track()
+        self.ground_truth = Coverage()
+        self.estimate = Coverage()
+        self.notices: list[Notice] = []
+
+    def add(self, evaluations: Evaluations) -> None:
+        """Take in evaluated poses, later than all before them."""
+        self.track.add(evaluations)
+
+    def add_notices(self, notices: Iterable[Notice]) -> None:
+        """Take in notices; the first hundred are shown."""
+        room = _MOST_NOTICES - len(self.notices)
+        self.notices += list(notices)[:room]
+
+    def add_received(
+        self,
+        ground_truth: npt.NDArray[np.int64] | None = None,
+        estimate: npt.NDArray[np.int64] | None = None,
+    ) -> None:
+        """Take in the stamps of what arrived, in nanoseconds, in any order."""
+        if ground_truth is not None:
+            self.ground_truth.add(ground_truth)
+        if estimate is not None:
+            self.estimate.add(estimate)
+
+    def render(self, summary: Mapping[str, Any]) -> str:
+        """Return the page. Without matplotlib it has the tables, and says how to get the rest."""
+        return page(
+            Run(
+                summary=summary,
+                parameters=self.parameters,
+                sources=self.sources,
+                notices=tuple(self.notices),
+                buckets=self.track.buckets(),
+                ground_truth=self.ground_truth,
+                estimate=self.estimate,
+            )
+        )

@@ -1,0 +1,41 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run, as the page and the figures see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from trajeval_ros.report.coverage import Coverage
+from trajeval_ros.report.track import Records
+
+
+class Notice(Protocol):
+    """What the engine has to say (``online.engine.Notice``)."""
+
+    @property
+    def level(self) -> str:
+        """``info``, ``warning`` or ``error``."""
+
+    @property
+    def text(self) -> str:
+        """One line."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything the report shows.
+
+    ``summary`` and ``parameters`` are the engine's, ``buckets`` are :data:`track.FIELDS` records in
+    time order, ``sources`` say where each trajectory comes from.
+    """
+
+    summary: Mapping[str, Any]
+    parameters: Mapping[str, Any]
+    sources: Mapping[str, str]
+    notices: tuple[Notice, ...]
+    buckets: Records
+    ground_truth: Coverage
+    estimate: Coverage
