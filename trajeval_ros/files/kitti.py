@@ -1,0 +1,67 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The KITTI format: a row is the first three rows of ``T_world_camera``.
+
+The stamps are in a file of their own, a row of seconds each.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.files.text import PathLike, read_table, stamps_from_seconds
+from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+
+Array = npt.NDArray[np.float64]
+
+# KITTI's own matrices are orthonormal to 1e-6 only, some systems write four digits.
+_ORTHONORMAL_TO = 1e-2
+
+
+def read_kitti(path: PathLike, times: PathLike) -> Trajectory:
+    """Read a trajectory; its rotations become quaternions.
+
+    A matrix that is not a rotation to 1e-2 (a zero or scaled one, a mirror image) gets the
+    quaternion (0, 0, 0, 0), and one with an element that is not finite NaN: both are kept here
+    and recognised as bad poses by the engine, as in the formats that have quaternions.
+
+    Args:
+        path: the file of poses, 12 columns.
+        times: the file of stamps, one column.
+
+    Raises:
+        TrajectoryFileError: one of the files cannot be read, is empty or has another number of
+            columns, or they have different numbers of rows.
+    """
+    table = read_table(path, {12: "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"})
+    stamp_table = read_table(times, {1: "seconds"})
+    if len(stamp_table.rows) != len(table.rows):
+        raise TrajectoryFileError(
+            stamp_table.source,
+            f"{len(stamp_table.rows)} stamps for the {len(table.rows)} poses of {table.source}",
+        )
+    stamps, finite = stamps_from_seconds(stamp_table)
+    matrices = table.values[finite].reshape(-1, 3, 4)
+    return Trajectory(
+        stamps=stamps[finite],
+        positions=matrices[:, :, 3].copy(),
+        quaternions=_quaternions(matrices[:, :, :3]),
+        rows=table.rows[finite],
+        source=table.source,
+        non_finite_stamp_rows=table.rows[~finite],
+    )
+
+
+def _quaternions(matrices: Array) -> Array:
+    """Quaternions (N, 4), x y z w, of matrices (N, 3, 3)."""
+    quaternions = np.zeros((len(matrices), 4))
+    finite = np.isfinite(matrices).all(axis=(1, 2))
+    quaternions[~finite] = np.nan
+    known = matrices[finite]
+    products = np.swapaxes(known, 1, 2) @ known
+    good = np.abs(products - np.eye(3)).max(axis=(1, 2), initial=0.0) < _ORTHONORMAL_TO
+    good &= np.linalg.det(known) > 0
+    poses = np.tile(np.eye(4), (int(good.sum()), 1, 1))
+    poses[:, :3, :3] = known[good]
+    quaternions[np.flatnonzero(finite)[good]] = se3.to_position_quaternion(poses)[1]
+    return quaternions

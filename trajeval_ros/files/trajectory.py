@@ -1,0 +1,78 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every reader of trajectories returns, and the one error they raise."""
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+
+class TrajectoryFileError(Exception):
+    """A file cannot be read as a trajectory. One line, naming the file and, if any, the row.
+
+    Args:
+        source: the file, as the user named it.
+        reason: what is wrong with it.
+        row: the line in the file, from 1; for a bag, the message in its topic.
+    """
+
+    def __init__(self, source: str, reason: str, row: int | None = None) -> None:
+        where = source if row is None else f"{source}, row {row}"
+        super().__init__(f"{where}: {reason}")
+        self.source = source
+        self.reason = reason
+        self.row = row
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses as they stand in a file, in its order; nothing is judged, sorted or left out.
+
+    Values that are not finite, stamps that go back and quaternions of any norm are kept: the
+    engine counts them by reason. Only a row whose stamp is not finite cannot be kept, because
+    a stamp is an integer; such rows are listed in `non_finite_stamp_rows` for the caller to
+    count as received and rejected.
+
+    Attributes:
+        stamps: (N,) int64 ns, as exact as the file has them.
+        positions: (N, 3), m.
+        quaternions: (N, 4), x y z w, as in the file: not normalised.
+        rows: (N,) int64, each pose's line in the file from 1, or message in its topic from 1.
+        source: the file, and the topic, as the user named them.
+        covariances: (N, 6, 6) about fixed axes as in ROS messages, or None where there are none.
+        non_finite_stamp_rows: (K,) int64, rows left out.
+    """
+
+    stamps: Integers
+    positions: Array
+    quaternions: Array
+    rows: Integers
+    source: str
+    covariances: Array | None = None
+    non_finite_stamp_rows: Integers = dataclasses.field(
+        default_factory=lambda: np.zeros(0, dtype=np.int64)
+    )
+
+    def __post_init__(self) -> None:
+        count = len(self.stamps)
+        shapes = {"stamps": (), "positions": (3,), "quaternions": (4,), "rows": ()}
+        if self.covariances is not None:
+            shapes["covariances"] = (6, 6)
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array.shape != (count, *shape):
+                raise ValueError(f"{name} must be {(count, *shape)}, got {array.shape}")
+            array.flags.writeable = False
+        if self.stamps.dtype != np.int64:
+            raise ValueError(f"stamps must be int64 nanoseconds, got {self.stamps.dtype}")
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def where(self, index: int) -> str:
+        """File and row of a pose, as in the errors."""
+        return f"{self.source}, row {self.rows[index]}"
