@@ -14,9 +14,9 @@ PYTHONS_NOBLE ?= python3 python3.12 python3.11
 # What `make test` hands to pytest, e.g. make test ARGS='-k gauge -x'
 ARGS ?=
 
-# What runs without ROS, on noble's NumPy and SciPy: the mathematics, the engine, the files.
-NOBLE_TESTS = $(wildcard test/test_se3.py test/ground_truth test/metrics test/online test/files \
-	test/test_ground_truth*.py test/test_metrics*.py test/test_online*.py test/test_files*.py)
+# What needs no ROS: the mathematics, the engine, the files, the report.
+NOBLE_TESTS = $(wildcard $(foreach name,se3 ground_truth metrics online files report, \
+	test/$(name) test/test_$(name).py))
 
 # Nodes of this machine only; messages type-checked as they are built; rclpy wants a HOME.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
