@@ -1,0 +1,273 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of ROS 1 and ROS 2, written here and real ones."""
+
+import contextlib
+import pathlib
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from trajeval_ros.files.bag import list_candidates, read_bag
+from trajeval_ros.files.trajectory import TrajectoryFileError
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+BAGS = pathlib.Path(__file__).parents[2] / ".." / "shared" / "data" / "rosbags"
+FORMATS = ["bag", "mcap", "sqlite3"]
+COUNT = 5
+LOG_OFFSET = 1_778_000_000_000_000_000
+TOPICS = {
+    "/pose": "geometry_msgs/msg/PoseStamped",
+    "/pose_with_covariance": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "/odometry": "nav_msgs/msg/Odometry",
+    "/transform": "geometry_msgs/msg/TransformStamped",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/words": "std_msgs/msg/String",
+}
+
+
+def stamp_of(i):
+    return 7_000_000_001 + i * 500_000_000
+
+
+def numbers_of(topic, i):
+    rng = np.random.default_rng([sorted(TOPICS).index(topic), i])
+    return rng.normal(size=7)
+
+
+def covariance_of(topic, i):
+    return np.random.default_rng([sorted(TOPICS).index(topic), i, 1]).normal(size=36)
+
+
+def message(store, topic, i, ros1):
+    """The i-th message of a topic."""
+
+    def make(name, *values):
+        return store.types[name](*values)
+
+    numbers = numbers_of(topic, i).tolist()
+    kind = TOPICS[topic]
+    if kind == "std_msgs/msg/String":
+        return make(kind, "hello")
+    time = make("builtin_interfaces/msg/Time", *divmod(stamp_of(i), 1_000_000_000))
+    header = make("std_msgs/msg/Header", *([i] if ros1 else []), time, "odom")
+    quaternion = make("geometry_msgs/msg/Quaternion", *numbers[3:])
+    if kind in ("geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage"):
+        vector = make("geometry_msgs/msg/Vector3", *numbers[:3])
+        transform = make(
+            "geometry_msgs/msg/TransformStamped",
+            header,
+            "/base_link",
+            make("geometry_msgs/msg/Transform", vector, quaternion),
+        )
+        return make(kind, [transform]) if kind == "tf2_msgs/msg/TFMessage" else transform
+    pose = make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", *numbers[:3]), quaternion)
+    if kind == "geometry_msgs/msg/PoseStamped":
+        return make(kind, header, pose)
+    with_covariance = make("geometry_msgs/msg/PoseWithCovariance", pose, covariance_of(topic, i))
+    if kind == "geometry_msgs/msg/PoseWithCovarianceStamped":
+        return make(kind, header, with_covariance)
+    zero = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+    twist = make("geometry_msgs/msg/Twist", zero, zero)
+    return make(
+        kind,
+        header,
+        "base_link",
+        with_covariance,
+        make("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
+    )
+
+
+def write_bag(folder, kind):
+    """A bag of all types, logged on another clock than stamped; its path."""
+    path = folder / ("run.bag" if kind == "bag" else "run")
+    if kind == "bag":
+        store = get_typestore(Stores.ROS1_NOETIC)
+        transforms = "geometry_msgs/TransformStamped[] transforms"
+        store.register(get_types_from_msg(transforms, "tf2_msgs/msg/TFMessage"))
+        writer = Writer1(path)
+    else:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+    serialize = store.serialize_ros1 if kind == "bag" else store.serialize_cdr
+    with writer:
+        connections = {
+            topic: writer.add_connection(topic, name, typestore=store)
+            for topic, name in TOPICS.items()
+        }
+        for i in range(COUNT):
+            for topic, connection in connections.items():
+                raw = serialize(message(store, topic, i, kind == "bag"), TOPICS[topic])
+                writer.write(connection, LOG_OFFSET + i * 1000, raw)
+    return path
+
+
+@pytest.fixture(params=FORMATS)
+def bag(request, tmp_path):
+    return write_bag(tmp_path, request.param)
+
+
+def test_every_type(bag):
+    names = ["/pose", "/pose_with_covariance", "/odometry", "transform", "/tf:odom.base_link"]
+    trajectories = read_bag(bag, names)
+    assert len(trajectories) == len(names)
+    for name, trajectory in zip(names, trajectories, strict=True):
+        topic = "/" + name.removeprefix("/").partition(":")[0]
+        assert trajectory.stamps.tolist() == [stamp_of(i) for i in range(COUNT)]
+        expected = np.array([numbers_of(topic, i) for i in range(COUNT)])
+        np.testing.assert_array_equal(trajectory.positions, expected[:, :3])
+        np.testing.assert_array_equal(trajectory.quaternions, expected[:, 3:])
+        assert trajectory.rows.tolist() == list(range(1, COUNT + 1))
+        assert trajectory.source == f"{bag}, topic {name}"
+        if topic in ("/pose_with_covariance", "/odometry"):
+            covariances = np.array([covariance_of(topic, i) for i in range(COUNT)])
+            np.testing.assert_array_equal(trajectory.covariances, covariances.reshape(COUNT, 6, 6))
+        else:
+            assert trajectory.covariances is None
+
+
+def test_the_same_topic_twice(bag):
+    ground_truth, estimate = read_bag(bag, ["/pose", "/pose"])
+    np.testing.assert_array_equal(ground_truth.positions, estimate.positions)
+
+
+def test_candidates_by_header_stamps(bag):
+    calls = []
+    candidates = list_candidates(bag, lambda done, total: calls.append((done, total)))
+    assert [(c.topic, c.message_type) for c in candidates] == [
+        ("/odometry", "nav_msgs/msg/Odometry"),
+        ("/pose", "geometry_msgs/msg/PoseStamped"),
+        ("/pose_with_covariance", "geometry_msgs/msg/PoseWithCovarianceStamped"),
+        ("/tf:odom.base_link", "tf2_msgs/msg/TFMessage"),
+        ("/transform", "geometry_msgs/msg/TransformStamped"),
+    ]
+    assert all(c.count == COUNT for c in candidates)
+    assert all(c.rate == pytest.approx(2.0) for c in candidates)
+    assert calls[-1] == (25, 25)
+
+
+@pytest.mark.parametrize(
+    ("topic", "text"),
+    [
+        ("/nothing", "there is no topic '/nothing'; with poses there are /odometry, /pose,"),
+        ("/words", "the topic '/words' holds std_msgs/msg/String, from which no pose is taken"),
+        ("/tf", "the topic '/tf' holds transforms: name one as /tf:parent.child"),
+        ("/tf:map.odom", "there is no pose on the topic '/tf:map.odom'"),
+        ("/pose:odom.base_link", "the topic '/pose' holds no transforms"),
+    ],
+)
+def test_wrong_topics(bag, topic, text):
+    with pytest.raises(TrajectoryFileError) as caught:
+        read_bag(bag, [topic])
+    assert str(caught.value).startswith(f"{bag}: ")
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_candidate(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer1(tmp_path / "run.bag") as writer:
+        connection = writer.add_connection("/words", "std_msgs/msg/String", typestore=store)
+        text = store.types["std_msgs/msg/String"]("hello")
+        writer.write(connection, 1, store.serialize_ros1(text, "std_msgs/msg/String"))
+    assert list_candidates(tmp_path / "run.bag") == ()
+    with pytest.raises(TrajectoryFileError, match="none has poses"):
+        read_bag(tmp_path / "run.bag", ["/pose"])
+
+
+@pytest.mark.parametrize("name", ["missing.bag", "missing.mcap", "missing"])
+def test_missing(tmp_path, name):
+    with pytest.raises(TrajectoryFileError, match="cannot be read: no such file"):
+        list_candidates(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["words.bag", "words.mcap", "words.db3", "words.txt", "empty/"])
+def test_not_a_bag(tmp_path, name):
+    path = tmp_path / name
+    if name.endswith("/"):
+        path.mkdir()
+    else:
+        path.write_text("these are words and not a bag\n" * 10)
+    with pytest.raises(TrajectoryFileError) as caught:
+        list_candidates(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("seed", range(5))
+def test_damaged(tmp_path, kind, seed):
+    """A bag with wrong bytes in it: the same."""
+    path = write_bag(tmp_path, kind)
+    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    content = np.frombuffer(file.read_bytes(), dtype=np.uint8).copy()
+    rng = np.random.default_rng(seed)
+    content[rng.integers(len(content), size=50)] = rng.integers(256, size=50)
+    file.write_bytes(content.tobytes())
+    with contextlib.suppress(TrajectoryFileError):
+        assert read_bag(path, ["/pose"])
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("keep", [0.0, 0.02, 0.3, 0.6, 0.9, 0.99])
+def test_cut_off(tmp_path, kind, keep):
+    """A bag that breaks off anywhere: what is there, or one clear error, and no other."""
+    path = write_bag(tmp_path, kind)
+    file = path
+    if path.is_dir():
+        file = next(f for f in path.iterdir() if f.suffix != ".yaml")
+    content = file.read_bytes()
+    file.write_bytes(content[: int(len(content) * keep)])
+    with contextlib.suppress(TrajectoryFileError):
+        trajectories = read_bag(path, ["/pose", "/odometry"])
+        assert all(len(trajectory) <= COUNT for trajectory in trajectories)
+
+
+def test_without_rosbags(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", types.ModuleType("rosbags.highlevel"))
+    with pytest.raises(TrajectoryFileError, match="pip install rosbags"):
+        list_candidates(tmp_path / "run.bag")
+
+
+@pytest.mark.skipif(
+    not BAGS.is_dir(), reason="the real bags (shared/data beside the repository) are not here"
+)
+class TestRealBags:
+    def test_ros1(self):
+        ground_truth, estimate = read_bag(BAGS / "ROS_example.bag", ["groundtruth", "/ORB-SLAM"])
+        assert (len(ground_truth), len(estimate)) == (12765, 8362)
+        for trajectory in (ground_truth, estimate):
+            assert np.isfinite(trajectory.positions).all()
+            norms = np.linalg.norm(trajectory.quaternions, axis=-1)
+            np.testing.assert_allclose(norms, 1.0, atol=1e-4)
+
+    def test_mcap_with_header_stamps_in_simulated_time(self):
+        candidates = {c.topic: c for c in list_candidates(BAGS / "nav2_turtlebot.mcap")}
+        assert candidates["/odom"].count == 2639
+        assert candidates["/amcl_pose"].count == 135
+        assert "/tf:odom.base_link" in candidates
+        odometry, transforms = read_bag(
+            BAGS / "nav2_turtlebot.mcap", ["/odom", "/tf:odom.base_link"]
+        )
+        assert odometry.stamps.max() < 10_000_000_000_000
+        assert odometry.covariances.shape == (2639, 6, 6)
+        assert transforms.covariances is None
+        # Both are published by one driver.
+        _, i, j = np.intersect1d(odometry.stamps, transforms.stamps, return_indices=True)
+        assert len(i) > 1000
+        np.testing.assert_allclose(odometry.positions[i], transforms.positions[j], atol=1e-9)
+
+    def test_transforms_of_ros1(self):
+        candidates = {c.topic: c.count for c in list_candidates(BAGS / "tf_example.bag")}
+        assert candidates == {"/tf:odom.base_footprint": 517}
+        (trajectory,) = read_bag(BAGS / "tf_example.bag", ["/tf:odom.base_footprint"])
+        assert len(trajectory) == 517

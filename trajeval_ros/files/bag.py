@@ -1,0 +1,293 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories in bags: ROS 1 (``.bag``), ROS 2 (a folder, ``.mcap`` or ``.db3``).
+
+Bags are read with the library rosbags, the extra ``bags``; no ROS is needed. Stamps are those of
+the message headers, which say when a pose was true, not of the log, which say when it was
+written down (they may not even be on the same clock).
+
+Topics: PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped; and one transform of
+a TFMessage, named as evo does: ``/tf:odom.base_link`` is the pose of ``base_link`` in ``odom``,
+as published, without composing it from others.
+"""
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trajeval_ros.files.text import PathLike
+from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+
+Progress = Callable[[int, int], None]
+"""Called with the number of messages read, and of all there are to read."""
+
+_POSE_TYPES = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/TransformStamped",
+)
+_WITH_COVARIANCE = ("geometry_msgs/msg/PoseWithCovarianceStamped", "nav_msgs/msg/Odometry")
+_TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_PROGRESS_EVERY = 500
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A topic that holds a trajectory.
+
+    Attributes:
+        topic: its name, as `read_bag` takes it.
+        message_type: such as ``geometry_msgs/msg/PoseStamped``.
+        count: number of poses.
+        rate: poses a second by their header stamps, Hz; None where the stamps span no time.
+    """
+
+    topic: str
+    message_type: str
+    count: int
+    rate: float | None
+
+
+def list_candidates(path: PathLike, progress: Progress | None = None) -> tuple[Candidate, ...]:
+    """The topics of a bag that hold a trajectory, by name; reads their messages for the rates.
+
+    A transform that was published once, as a static one is, is no trajectory.
+
+    Raises:
+        TrajectoryFileError: the bag cannot be read, or rosbags is not installed.
+    """
+    source = os.fspath(path)
+    with _opened(source) as reader:
+        types = {c.topic: str(c.msgtype) for c in reader.connections}
+        wanted = {
+            topic for topic, kind in types.items() if kind in _POSE_TYPES or kind in _TF_TYPES
+        }
+        columns: dict[tuple[str, str], _Column] = {}
+        for topic, edge, pose in _poses(source, reader, wanted, progress):
+            columns.setdefault((topic, edge), _Column()).add(pose)
+    return tuple(
+        Candidate(
+            topic=f"{topic}:{edge}" if edge else topic,
+            message_type=types[topic],
+            count=len(column.stamps),
+            rate=_rate(column.stamps),
+        )
+        for (topic, edge), column in sorted(columns.items())
+        if not edge or len(column.stamps) > 1
+    )
+
+
+def read_bag(
+    path: PathLike, topics: Sequence[str], progress: Progress | None = None
+) -> tuple[Trajectory, ...]:
+    """Read the trajectories of several topics in one pass, in the order of the log.
+
+    Topics of PoseWithCovarianceStamped and Odometry have covariances. A leading slash may be
+    there or not.
+
+    Args:
+        path: the bag.
+        topics: their names, one trajectory each.
+        progress: called from time to time.
+
+    Raises:
+        TrajectoryFileError: the bag cannot be read, rosbags is not installed, or a topic is not
+            in it, holds no message or messages of another type.
+    """
+    source = os.fspath(path)
+    with _opened(source) as reader:
+        keys = [_find(source, reader, topic) for topic in topics]
+        columns = {key: _Column() for key in keys}
+        for topic, edge, pose in _poses(source, reader, {topic for topic, _ in keys}, progress):
+            if (topic, edge) in columns:
+                columns[topic, edge].add(pose)
+    for name, key in zip(topics, keys, strict=True):
+        if not columns[key].stamps:
+            raise TrajectoryFileError(source, f"there is no pose on the topic {name!r}")
+    return tuple(
+        columns[key].trajectory(f"{source}, topic {name}")
+        for name, key in zip(topics, keys, strict=True)
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Pose:
+    """A message's stamp, position with quaternion, and covariance if its type has one."""
+
+    stamp: int
+    numbers: tuple[float, ...]
+    covariance: Any
+    row: int
+
+
+class _Column:
+    """The poses of one topic as they are read."""
+
+    def __init__(self) -> None:
+        self.stamps: list[int] = []
+        self._numbers: list[tuple[float, ...]] = []
+        self._covariances: list[Any] = []
+        self._rows: list[int] = []
+
+    def add(self, pose: _Pose) -> None:
+        self.stamps.append(pose.stamp)
+        self._numbers.append(pose.numbers)
+        self._rows.append(pose.row)
+        if pose.covariance is not None:
+            self._covariances.append(pose.covariance)
+
+    def trajectory(self, source: str) -> Trajectory:
+        numbers = np.array(self._numbers, dtype=np.float64)
+        covariances = None
+        if self._covariances:
+            covariances = np.array(self._covariances, dtype=np.float64).reshape(-1, 6, 6)
+        return Trajectory(
+            stamps=np.array(self.stamps, dtype=np.int64),
+            positions=numbers[:, :3].copy(),
+            quaternions=numbers[:, 3:].copy(),
+            rows=np.array(self._rows, dtype=np.int64),
+            source=source,
+            covariances=covariances,
+        )
+
+
+@contextlib.contextmanager
+def _opened(source: str) -> Iterator[Any]:
+    """The bag, open for reading; whatever is wrong with it as a `TrajectoryFileError`."""
+    try:
+        # Here and not above: an optional library, which the other formats do without.
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise TrajectoryFileError(
+            source, "reading bags needs the library rosbags: pip install rosbags"
+        ) from None
+    if not Path(source).exists():
+        raise TrajectoryFileError(source, "it cannot be read: no such file or directory")
+    if Path(source).is_dir() and not (Path(source) / "metadata.yaml").exists():
+        raise TrajectoryFileError(source, "it is no bag: there is no metadata.yaml in the folder")
+    with contextlib.ExitStack() as stack:
+        try:
+            bag = AnyReader([Path(source)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            reader = stack.enter_context(bag)
+        except Exception as error:  # see _unreadable
+            raise _unreadable(source, error) from error
+        yield reader
+
+
+def _messages(source: str, reader: Any, connections: list[Any]) -> Iterator[tuple[Any, Any]]:
+    """Connection and message, in log order."""
+    try:
+        for connection, _, raw in reader.messages(connections):
+            yield connection, reader.deserialize(raw, connection.msgtype)
+    except Exception as error:  # see _unreadable
+        raise _unreadable(source, error) from error
+
+
+def _unreadable(source: str, error: Exception) -> TrajectoryFileError:
+    """What to say of an error inside rosbags.
+
+    On damaged bags its parsers raise anything, from UnicodeDecodeError to MemoryError, besides
+    the library's own errors and SQLite's; only those have something to say to the user. Nothing
+    but calls of the library may stand where this is used.
+    """
+    if type(error).__name__ in ("AnyReaderError", "ReaderError", "FileNotFoundError"):
+        return TrajectoryFileError(source, f"it is no readable bag: {' '.join(str(error).split())}")
+    if isinstance(error, OSError):
+        return TrajectoryFileError(source, f"it cannot be read: {(error.strerror or '').lower()}")
+    return TrajectoryFileError(source, "it is no readable bag: it is damaged or of another kind")
+
+
+def _poses(
+    source: str, reader: Any, topics: set[str], progress: Progress | None
+) -> Iterator[tuple[str, str, _Pose]]:
+    """Topic, ``parent.child`` of a transform in a TFMessage or "", and pose, in log order."""
+    connections = [c for c in reader.connections if c.topic in topics]
+    # Without connections, the library would read every message.
+    if not connections:
+        return
+    total = sum(c.msgcount for c in connections)
+    rows = dict.fromkeys(topics, 0)
+    messages = _messages(source, reader, connections)
+    for done, (connection, message) in enumerate(messages, start=1):
+        topic = connection.topic
+        rows[topic] += 1
+        if connection.msgtype in _TF_TYPES:
+            for transform in message.transforms:
+                edge = f"{_frame(transform.header.frame_id)}.{_frame(transform.child_frame_id)}"
+                yield topic, edge, _pose(transform, rows[topic])
+        else:
+            yield topic, "", _pose(message, rows[topic], connection.msgtype in _WITH_COVARIANCE)
+        if progress is not None and (done % _PROGRESS_EVERY == 0 or done == total):
+            progress(done, total)
+
+
+def _pose(message: Any, row: int, with_covariance: bool = False) -> _Pose:
+    """Of a message of one of the types, or of a transform of a TFMessage."""
+    covariance = None
+    if hasattr(message, "transform"):
+        position, quaternion = message.transform.translation, message.transform.rotation
+    else:
+        pose = message.pose
+        if with_covariance:
+            covariance, pose = pose.covariance, pose.pose
+        position, quaternion = pose.position, pose.orientation
+    stamp = message.header.stamp
+    return _Pose(
+        stamp.sec * 1_000_000_000 + stamp.nanosec,
+        (
+            position.x,
+            position.y,
+            position.z,
+            quaternion.x,
+            quaternion.y,
+            quaternion.z,
+            quaternion.w,
+        ),
+        covariance,
+        row,
+    )
+
+
+def _find(source: str, reader: Any, name: str) -> tuple[str, str]:
+    """The topic of the bag that is meant, and the transform in it or ""."""
+    types = {c.topic: str(c.msgtype) for c in reader.connections}
+    wanted, _, edge = name.partition(":")
+    topic = next(
+        (t for same in (str, _frame) for t in types if same(t) == same(wanted)),
+        None,
+    )
+    if topic is None:
+        usable = sorted(t for t, kind in types.items() if kind in (*_POSE_TYPES, *_TF_TYPES))
+        there = f"with poses there are {', '.join(usable)}" if usable else "none has poses"
+        raise TrajectoryFileError(source, f"there is no topic {wanted!r}; {there}")
+    if types[topic] in _TF_TYPES:
+        if "." not in edge:
+            raise TrajectoryFileError(
+                source,
+                f"the topic {topic!r} holds transforms: name one as {topic}:parent.child",
+            )
+        return topic, edge
+    if types[topic] not in _POSE_TYPES:
+        raise TrajectoryFileError(
+            source, f"the topic {topic!r} holds {types[topic]}, from which no pose is taken"
+        )
+    if edge:
+        raise TrajectoryFileError(source, f"the topic {topic!r} holds no transforms: {name!r}")
+    return topic, ""
+
+
+def _frame(name: str) -> str:
+    """A name without the leading slash that older systems give it."""
+    return name.removeprefix("/")
+
+
+def _rate(stamps: list[int]) -> float | None:
+    span = max(stamps) - min(stamps)
+    return (len(stamps) - 1) * 1e9 / span if span > 0 else None
