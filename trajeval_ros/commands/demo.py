@@ -1,0 +1,203 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``demo``: the node and a player as real processes over DDS, watched in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from trajeval_ros.commands import console, inputs
+from trajeval_ros.commands.processes import Child
+
+DESCRIPTION = """\
+Show a live evaluation: starts the node evaluator and a player that publishes ground truth and
+estimate over DDS, shows the running figures, and ends by itself. Without files, on a simulated
+flight."""
+
+# The replay is to take about this long, so that all is over within a minute.
+_REPLAY_SECONDS = 38.0
+_FASTEST = 10.0
+_SIMULATED_SECONDS = 80.0
+
+_READY_PATIENCE = 30.0
+_SETTLE_PATIENCE = 10.0
+_SHUTDOWN_PATIENCE = 20.0
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="demo",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--ground-truth", metavar="FILE", help="a TUM file")
+    parser.add_argument("--estimate", metavar="FILE", help="a TUM file")
+    parser.add_argument(
+        "--rate",
+        type=console.number(0.1, 100.0),
+        metavar="R",
+        help=f"times the recorded speed (default: so that it takes {_REPLAY_SECONDS:g} s, at most"
+        f" {_FASTEST:g})",
+    )
+    parser.add_argument(
+        "--output", default="output/demo", metavar="DIR", help="default: output/demo"
+    )
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    parser = make_parser()
+    arguments = parser.parse_args(argv)
+    if (arguments.ground_truth is None) != (arguments.estimate is None):
+        parser.error("give both --ground-truth and --estimate, or neither")
+    # `make` and service managers send SIGTERM; the children end with us either way.
+    signal.signal(signal.SIGTERM, _interrupt)
+    return console.run(lambda: demo(arguments), "demo")
+
+
+def _interrupt(signum: int, frame: FrameType | None) -> Any:
+    raise KeyboardInterrupt
+
+
+def demo(arguments: argparse.Namespace) -> int:
+    """Start, watch, end, check."""
+    output = Path(arguments.output).absolute()
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise console.CommandError(f"cannot write {output}: {error.strerror}") from error
+    ground_truth, estimate = _files(arguments, output)
+    data = inputs.read(
+        argparse.Namespace(format="tum", ground_truth=ground_truth, estimate=estimate)
+    )
+    inputs.check_overlap(data, 0.0)
+    first = min(int(each.stamps.min()) for each in (data.ground_truth, data.estimate))
+    last = max(int(each.stamps.max()) for each in (data.ground_truth, data.estimate))
+    seconds = (last - first) / inputs.SECOND
+    rate = arguments.rate or min(max(seconds / _REPLAY_SECONDS, 1.0), _FASTEST)
+
+    # A domain of our own on this machine: a demo hears no other robot, and no robot hears it.
+    os.environ["ROS_DOMAIN_ID"] = str(20 + os.getpid() % 80)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    return _run(data, output, rate, (ground_truth, estimate))
+
+
+def _files(arguments: argparse.Namespace, output: Path) -> tuple[str, str]:
+    if arguments.ground_truth is not None:
+        return arguments.ground_truth, arguments.estimate
+    from trajeval_ros.commands.simulate import write_files
+
+    print(f"Simulating a flight of {_SIMULATED_SECONDS:g} s ...", flush=True)
+    ground_truth, estimate = write_files(output, _SIMULATED_SECONDS, 1)
+    return str(ground_truth), str(estimate)
+
+
+def _run(data: inputs.Inputs, output: Path, rate: float, files: tuple[str, str]) -> int:
+    from trajeval_ros.commands import live
+
+    try:
+        from trajeval_ros.commands.monitor import Monitor
+    except ImportError as error:
+        raise console.CommandError(
+            f"the demo needs ROS 2 ({error}); source it, or: python3 -m pip install"
+            " 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
+        ) from error
+
+    estimates = data.estimate.stamps
+    state = live.State(first=estimates.min() / 1e9, last=estimates.max() / 1e9)
+    for name in ("summary.json", "poses.csv", "report.html"):
+        (output / name).unlink(missing_ok=True)
+    node_arguments = ["--ros-args", "-p", "use_sim_time:=true", "-p", f"output.directory:={output}"]
+    player_arguments = ["tum", *files, "--rate", repr(rate), "--wait", str(_READY_PATIENCE)]
+    with (
+        Monitor(state) as monitor,
+        Child("trajeval_ros.node.main", node_arguments, output / "evaluator.log") as node,
+        Child("trajeval_ros.commands.replay", player_arguments, output / "replay.log") as player,
+    ):
+        with live.make_view() as view:
+            _watch(monitor, view, state, node, player, rate)
+        published = _published(player)
+        state.phase = "writing the results"
+        code = node.interrupt(_SHUTDOWN_PATIENCE)
+    if code != 0:
+        raise console.CommandError(f"the node ended with exit code {code}: {node.last_words()}")
+    return _conclude(output, published, rate)
+
+
+def _watch(monitor: Any, view: Any, state: Any, node: Child, player: Child, rate: float) -> None:
+    """Show the run until the player is done and the node has taken in what it was sent."""
+    while player.exit_code() is None:
+        monitor.listen(0.05)
+        state.phase = f"replaying {rate:.3g}x" if state.messages else "starting"
+        view.show(state)
+        _check_alive(node)
+    if player.exit_code() != 0:
+        raise console.CommandError(f"the player failed: {player.last_words()}")
+    state.phase = "finishing"
+    # All is acknowledged, that is, in the node's queue; quiet means that the queue is empty.
+    deadline = time.monotonic() + _SETTLE_PATIENCE
+    quiet_since, seen = time.monotonic(), state.messages
+    while time.monotonic() < deadline and time.monotonic() - quiet_since < 1.0:
+        monitor.listen(0.05)
+        view.show(state)
+        _check_alive(node)
+        if state.messages != seen:
+            quiet_since, seen = time.monotonic(), state.messages
+
+
+def _check_alive(node: Child) -> None:
+    code = node.exit_code()
+    if code is not None:
+        raise console.CommandError(f"the node ended with exit code {code}: {node.last_words()}")
+
+
+def _published(player: Child) -> dict[str, int]:
+    match = re.search(
+        r"published ground_truth (\d+), estimate (\d+)", player.log.read_text(encoding="utf-8")
+    )
+    if match is None:
+        raise console.CommandError(f"the player did not say what it sent: {player.last_words()}")
+    return {"ground_truth": int(match[1]), "estimate": int(match[2])}
+
+
+def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
+    """Print the summary; check that every message that was sent was received."""
+    from trajeval_ros.commands import figures
+    from trajeval_ros.online.parameters import complete
+
+    path = output / "summary.json"
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise console.CommandError(f"the node has not written {path}") from error
+    print("\n".join(figures.summary_lines(summary, complete({}))))
+    lost = {
+        topic: count - summary[topic]["received"]
+        for topic, count in published.items()
+        if count != summary[topic]["received"]
+    }
+    total = sum(published.values())
+    print()
+    if lost:
+        counts = ", ".join(f"{count:,} of {topic}" for topic, count in lost.items())
+        raise console.CommandError(f"of {total:,} messages at {rate:.3g}x, lost: {counts}")
+    print(f"Published {total:,} messages at {rate:.3g}x over DDS, received {total:,}: none lost.")
+    print(f"Report: {output / 'report.html'}")
+    return console.DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``evaluate``: the node's engine on files, as fast as it goes."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Sequence
+
+from trajeval_ros.commands import console
+
+DESCRIPTION = """\
+Score an estimated trajectory against ground truth, from files. Reference first, estimate second.
+The figures are those of the node evaluator on the same data."""
+
+EPILOG = """\
+exit codes: 0 done; 1 the data could not be evaluated; 2 wrong usage"""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    from trajeval_ros.commands import inputs
+
+    parser = argparse.ArgumentParser(
+        prog="evaluate",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    inputs.add_formats(parser, _add_options)
+    return parser
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    from trajeval_ros.commands import settings
+
+    settings.add_arguments(parser)
+    parser.add_argument(
+        "--output",
+        metavar="DIR",
+        help="write summary.json, poses.csv and report.html to this folder",
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    arguments = make_parser().parse_args(argv)
+    return console.run(lambda: evaluate(arguments), "evaluate")
+
+
+def evaluate(arguments: argparse.Namespace) -> int:
+    """Read, feed the engine, write, print."""
+    from trajeval_ros.commands import figures, inputs, settings
+    from trajeval_ros.files.output import OutputError, OutputFolder
+    from trajeval_ros.report import Report
+
+    parameters = settings.read(arguments.params, arguments.assignments)
+    data = inputs.read(arguments)
+    inputs.check_overlap(data, float(parameters["estimate.time_offset"]))  # type: ignore[arg-type]
+    # Only now, so that wrong usage and bad files are known at once: this brings in SciPy.
+    from trajeval_ros.commands import scoring
+
+    sources = {"ground truth": data.ground_truth.source, "estimate": data.estimate.source}
+    output = arguments.output or parameters["output.directory"]
+    report = Report(parameters, sources)
+    try:
+        with contextlib.ExitStack() as stack:
+            folder = stack.enter_context(OutputFolder(str(output))) if output else None
+            summary = scoring.score(data, parameters, report, folder)
+            if folder is not None:
+                folder.write(summary, report.render)
+    except OutputError as error:
+        raise console.CommandError(str(error)) from error
+
+    print(f"{sources['estimate']} against {sources['ground truth']}\n")
+    print("\n".join(figures.summary_lines(summary, parameters)))
+    remarks = [f"{notice.level}: {notice.text}" for notice in report.notices]
+    remarks += scoring.where_to_look(data, summary)
+    if remarks:
+        print("\n" + "\n".join(remarks))
+    if folder is not None:
+        print(f"\nWritten: summary.json, poses.csv, report.html in {folder.path}")
+    return console.DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

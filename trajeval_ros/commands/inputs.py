@@ -1,0 +1,161 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The two trajectories that ``evaluate`` and ``replay`` work on, as sub-commands by format."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.commands.console import CommandError
+from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+
+SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Ground truth and estimate as read."""
+
+    ground_truth: Trajectory
+    estimate: Trajectory
+
+
+def add_formats(
+    parser: argparse.ArgumentParser, add_options: Callable[[argparse.ArgumentParser], None]
+) -> None:
+    """Declare one sub-command a format; ``add_options`` declares what they share."""
+    formats = parser.add_subparsers(dest="format", metavar="FORMAT", required=True)
+    tum = formats.add_parser(
+        "tum", help="TUM files: stamp[s] tx ty tz qx qy qz qw", allow_abbrev=False
+    )
+    _add_files(tum, "GROUND_TRUTH", "ESTIMATE")
+    euroc = formats.add_parser(
+        "euroc",
+        help="EuRoC ground truth (csv, ns, w x y z) and an estimate in TUM's format",
+        allow_abbrev=False,
+    )
+    _add_files(euroc, "GROUND_TRUTH.csv", "ESTIMATE (TUM's format; EuRoC's where it ends in .csv)")
+    kitti = formats.add_parser(
+        "kitti", help="KITTI files: the twelve numbers of 3x4 matrices", allow_abbrev=False
+    )
+    _add_files(kitti, "GROUND_TRUTH", "ESTIMATE")
+    kitti.add_argument("--times", required=True, metavar="TIMES", help="the stamps, one a row, s")
+    for each in (tum, euroc, kitti):
+        add_options(each)
+
+
+def _add_files(parser: argparse.ArgumentParser, ground_truth: str, estimate: str) -> None:
+    parser.add_argument("ground_truth", metavar="GROUND_TRUTH", help=ground_truth)
+    parser.add_argument("estimate", metavar="ESTIMATE", help=estimate)
+
+
+def read(arguments: argparse.Namespace) -> Inputs:
+    """Read what the command line names.
+
+    Raises
+    ------
+    CommandError
+        For what cannot be read as a trajectory; names the file and the row.
+    """
+    try:
+        return _READERS[arguments.format](arguments)
+    except TrajectoryFileError as error:
+        raise CommandError(str(error)) from error
+
+
+def _read_tum(arguments: argparse.Namespace) -> Inputs:
+    from trajeval_ros.files.tum import read_tum
+
+    return Inputs(read_tum(arguments.ground_truth), read_tum(arguments.estimate))
+
+
+def _read_euroc(arguments: argparse.Namespace) -> Inputs:
+    from trajeval_ros.files.euroc import read_euroc
+    from trajeval_ros.files.tum import read_tum
+
+    read_estimate = read_euroc if arguments.estimate.lower().endswith(".csv") else read_tum
+    return Inputs(read_euroc(arguments.ground_truth), read_estimate(arguments.estimate))
+
+
+def _read_kitti(arguments: argparse.Namespace) -> Inputs:
+    from trajeval_ros.files.kitti import read_kitti
+
+    return Inputs(
+        read_kitti(arguments.ground_truth, arguments.times),
+        read_kitti(arguments.estimate, arguments.times),
+    )
+
+
+_READERS: dict[str, Callable[[argparse.Namespace], Inputs]] = {
+    "tum": _read_tum,
+    "euroc": _read_euroc,
+    "kitti": _read_kitti,
+}
+
+
+def check_overlap(inputs: Inputs, time_offset: float) -> None:
+    """Refuse trajectories that have no time in common.
+
+    Raises
+    ------
+    CommandError
+        Names both ranges.
+    """
+    ground_truth, estimate = inputs.ground_truth, inputs.estimate
+    for trajectory in (ground_truth, estimate):
+        if len(trajectory) == 0:
+            raise CommandError(f"{trajectory.source}: no row has a finite stamp")
+    offset = round(time_offset * SECOND)
+    first, last = _range(estimate)
+    known_first, known_last = _range(ground_truth)
+    if last + offset < known_first or first + offset > known_last:
+        shifted = f" (with the time offset of {time_offset:g} s)" if offset else ""
+        raise CommandError(
+            "the trajectories do not overlap in time:"
+            f" ground truth {_in_seconds(known_first)} to {_in_seconds(known_last)},"
+            f" estimate {_in_seconds(first + offset)} to {_in_seconds(last + offset)}{shifted}"
+        )
+
+
+def _range(trajectory: Trajectory) -> tuple[int, int]:
+    return int(trajectory.stamps.min()), int(trajectory.stamps.max())
+
+
+def _in_seconds(stamp: int) -> str:
+    return f"{stamp / SECOND:.3f} s"
+
+
+def first_bad_rows(trajectory: Trajectory) -> dict[str, str]:
+    """Return, by the engine's reasons, where the first row of each stands, to show to a person.
+
+    The engine alone decides and counts; this only says where to look.
+    """
+    norm = np.linalg.norm(trajectory.quaternions, axis=1)
+    with np.errstate(invalid="ignore"):
+        bad = {
+            "non_finite": ~(np.isfinite(trajectory.positions).all(axis=1) & np.isfinite(norm)),
+            "zero_quaternion": norm < 1e-6,
+            "unnormalized_quaternion": (norm >= 1e-6) & (np.abs(norm - 1) > 0.01),
+            **_bad_stamps(trajectory.stamps),
+        }
+    found = {
+        reason: trajectory.where(int(np.argmax(rows))) for reason, rows in bad.items() if rows.any()
+    }
+    if len(trajectory.non_finite_stamp_rows):
+        row = int(trajectory.non_finite_stamp_rows[0])
+        found["non_finite"] = f"{trajectory.source}, row {row}"
+    return found
+
+
+def _bad_stamps(stamps: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.bool_]]:
+    latest = np.maximum.accumulate(stamps)
+    repeated = np.ones(len(stamps), bool)
+    repeated[np.unique(stamps, return_index=True)[1]] = False
+    back = np.zeros(len(stamps), bool)
+    back[1:] = stamps[1:] < latest[:-1]
+    return {"duplicate_stamp": repeated, "out_of_order": back & ~repeated}

@@ -1,0 +1,267 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The live view of a run in the terminal, from what the node publishes."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from trajeval_ros.commands.console import duration
+from trajeval_ros.commands.figures import degrees, metres, number
+
+Figures = Mapping[str, float]
+
+_BARS = "▁▂▃▄▅▆▇█"
+LEVELS = {0: "OK", 1: "WARN", 2: "ERROR", 3: "STALE"}
+
+
+@dataclass(frozen=True)
+class Health:
+    """One entry of ``/diagnostics``."""
+
+    level: int
+    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass
+class State:
+    """What is known of the run at this moment. Times are the data's, in seconds."""
+
+    first: float
+    last: float
+    phase: str = "starting the node"
+    stamp: float | None = None
+    metrics: dict[str, dict[str, float]] = field(default_factory=dict)
+    health: dict[str, Health] = field(default_factory=dict)
+    trends: dict[str, deque[float]] = field(default_factory=dict)
+    messages: int = 0
+
+    def progress(self) -> float:
+        """Share of the run that has been evaluated, 0 to 1."""
+        if self.stamp is None or self.last <= self.first:
+            return 0.0
+        return min(max((self.stamp - self.first) / (self.last - self.first), 0.0), 1.0)
+
+    def figure(self, status: str, *keys: str) -> float | None:
+        """Return the first of the figures that is there."""
+        figures = self.metrics.get(status, {})
+        return next((figures[key] for key in keys if key in figures), None)
+
+    def remember(self, name: str, value: float | None) -> None:
+        """Append to a trend."""
+        if value is not None and math.isfinite(value):
+            self.trends.setdefault(name, deque(maxlen=2048)).append(value)
+
+
+def sparkline(values: Sequence[float], width: int) -> str:
+    """Return the values as a row of bars, from the smallest to the largest of them."""
+    if not values:
+        return ""
+    step = max(len(values) / width, 1.0)
+    shown = [values[min(int(i * step), len(values) - 1)] for i in range(min(width, len(values)))]
+    shown[-1] = values[-1]
+    low, high = min(shown), max(shown)
+    scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0
+    return "".join(_BARS[round((value - low) * scale)] for value in shown)
+
+
+class View(Protocol):
+    """Shows the state now and then."""
+
+    def show(self, state: State) -> None:
+        """Show the state, if it is time to."""
+
+    def __enter__(self) -> Self:
+        """Begin."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End."""
+
+
+class PlainView:
+    """A line every two seconds: for logs, and where rich is not installed."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+        self._phase = ""
+
+    def show(self, state: State) -> None:
+        """Print a line, if it is time to."""
+        now = time.monotonic()
+        if state.phase != self._phase:
+            self._phase = state.phase
+            print(f"{state.phase} ...", flush=True)
+            self._next = now + 2.0
+        if now < self._next or state.stamp is None:
+            return
+        self._next = now + 2.0
+        truth = state.health.get("ground truth")
+        words = [
+            f"{100 * state.progress():3.0f} %",
+            f"RE {number(state.figure('relative', 'log_likelihood'))} nats",
+            f"chi2/dof {number(state.figure('relative', 'chi2_per_dof'))}",
+            f"AE {number(state.figure('absolute', 'log_likelihood'))} nats",
+            f"ATE {metres(state.figure('conventional', 'ate_translation_rmse'))}",
+        ]
+        if truth is not None:
+            words.append(f"ground truth {LEVELS.get(truth.level, '?')}: {truth.message}")
+        print("  ".join(words), flush=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        return None
+
+
+class RichView:
+    """One screen that is drawn anew eight times a second."""
+
+    def __init__(self) -> None:
+        from rich.live import Live
+
+        self._live = Live(refresh_per_second=8, transient=True)
+        self._next = 0.0
+
+    def show(self, state: State) -> None:
+        """Draw, if it is time to."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + 0.125
+        self._live.update(render(state))
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._live.stop()
+
+
+_STYLES = {0: "green", 1: "yellow", 2: "bold red", 3: "magenta"}
+
+# Title, unit, where the running and the windowed figure are, what the trend follows.
+_ROWS: tuple[tuple[str, Any, tuple[str, str], tuple[str, str]], ...] = (
+    (
+        "RE log-likelihood, nats",
+        number,
+        ("relative", "log_likelihood"),
+        ("window", "relative_log_likelihood"),
+    ),
+    ("RE chi2/dof", number, ("relative", "chi2_per_dof"), ("window", "relative_chi2_per_dof")),
+    (
+        "RE translation",
+        metres,
+        ("relative", "translation_rmse"),
+        ("window", "relative_translation_rmse"),
+    ),
+    ("RE rotation", degrees, ("relative", "rotation_rmse"), ("window", "relative_rotation_rmse")),
+    (
+        "AE log-likelihood, nats",
+        number,
+        ("absolute", "log_likelihood"),
+        ("window", "absolute_log_likelihood"),
+    ),
+    ("AE chi2/dof", number, ("absolute", "chi2_per_dof"), ("window", "absolute_chi2_per_dof")),
+    (
+        "AE translation",
+        metres,
+        ("absolute", "translation_rmse"),
+        ("window", "absolute_translation_rmse"),
+    ),
+    ("AE rotation", degrees, ("absolute", "rotation_rmse"), ("window", "absolute_rotation_rmse")),
+)
+
+TRENDS: tuple[tuple[str, str], ...] = tuple(
+    where for _, _, running, windowed in _ROWS for where in (running, windowed)
+)
+"""The figures whose trend is kept: status and key."""
+
+
+def render(state: State) -> Any:
+    """Return the screen."""
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+    from rich.text import Text
+
+    heading = Table.grid(expand=True, padding=(0, 1))
+    heading.add_column(no_wrap=True)
+    heading.add_column(ratio=1)
+    heading.add_column(justify="right", no_wrap=True)
+    done = state.progress()
+    length = state.last - state.first
+    heading.add_row(
+        Text(state.phase, style="bold"),
+        ProgressBar(total=1.0, completed=done),
+        f"{duration(done * length)} of {duration(length)}",
+    )
+
+    table = Table(expand=True, box=None, padding=(0, 1), header_style="dim")
+    table.add_column("", no_wrap=True)
+    table.add_column("whole run", justify="right", no_wrap=True, min_width=11)
+    table.add_column("window", justify="right", no_wrap=True, min_width=11)
+    table.add_column("trend of the window", no_wrap=True, min_width=24)
+    for title, show, running, windowed in _ROWS:
+        trend = state.trends.get("/".join(windowed)) or state.trends.get("/".join(running)) or ()
+        table.add_row(
+            title,
+            show(state.figure(*running)),
+            show(state.figure(*windowed)),
+            Text(sparkline(list(trend), 32), style="cyan"),
+        )
+    table.add_row(
+        "ATE, RMSE",
+        metres(state.figure("conventional", "ate_translation_rmse")),
+        degrees(state.figure("conventional", "ate_rotation_rmse")),
+        "",
+    )
+
+    health = Table.grid(padding=(0, 1))
+    health.add_column(no_wrap=True)
+    health.add_column(no_wrap=True)
+    health.add_column()
+    for name, entry in sorted(state.health.items()):
+        level = LEVELS.get(entry.level, "?")
+        health.add_row(Text(level, style=_STYLES.get(entry.level, "")), name, entry.message)
+    return Panel(
+        Group(heading, "", table, "", health),
+        title="trajeval_ros: evaluator, live",
+        title_align="left",
+        border_style="blue",
+    )
+
+
+def make_view() -> View:
+    """Return the view that suits the terminal."""
+    if sys.stdout.isatty():
+        try:
+            return RichView()
+        except ImportError:
+            print("(python3 -m pip install rich gives a live view)")
+    return PlainView()

@@ -1,0 +1,91 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Listens to the node: its figures and its health, as the live view wants them."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Self
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+
+from trajeval_ros.commands.live import TRENDS, Health, State
+
+_PREFIX = "evaluator: "
+
+
+class Monitor:
+    """A node that keeps ``state`` up to date from ``/evaluator/metrics`` and ``/diagnostics``."""
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._context = Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("demo", context=self._context)
+        qos = QoSProfile(depth=1000)
+        self._node.create_subscription(DiagnosticArray, "/evaluator/metrics", self._metrics, qos)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, qos)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+
+    def listen(self, seconds: float) -> None:
+        """Take in what comes within this time."""
+        try:
+            self._executor.spin_once(timeout_sec=seconds)
+        except ExternalShutdownException:
+            return
+
+    def _metrics(self, message: DiagnosticArray) -> None:
+        state = self._state
+        state.messages += 1
+        stamp = message.header.stamp
+        state.stamp = stamp.sec + stamp.nanosec * 1e-9
+        for status in message.status:
+            name = status.name.rpartition(" ")[2]
+            state.metrics[name] = {
+                value.key: float(value.value) for value in status.values if _is_number(value.value)
+            }
+        for status_name, key in TRENDS:
+            state.remember(f"{status_name}/{key}", state.figure(status_name, key))
+
+    def _diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.startswith(_PREFIX):
+                self._state.health[status.name.removeprefix(_PREFIX)] = _health(status)
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        try_shutdown(context=self._context)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _health(status: DiagnosticStatus) -> Health:
+    # DiagnosticStatus.level is a byte, which Python has as bytes.
+    level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+    return Health(level, status.message, {value.key: value.value for value in status.values})

@@ -1,0 +1,215 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes two trajectories in the order of time, paced by a steady clock."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+import rclpy
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from rosgraph_msgs.msg import Clock
+
+from trajeval_ros.commands.console import CommandError, Progress
+from trajeval_ros.commands.inputs import Inputs
+from trajeval_ros.commands.schedule import Schedule, merge
+from trajeval_ros.files.trajectory import Trajectory
+
+SECOND = 1_000_000_000
+
+# A burst is what falls due while we slept. Late, we catch up with at most this many messages in
+# 5 ms, 4,000 a second: a node keeps up with that, and its queue of 1,000 never fills.
+_BURST = 20
+_PAUSE = 0.005
+# The clock ticks at least this often, gaps in the data or not, and not more often than that.
+_TICK = 0.01
+_CLOCK_INTERVAL = 0.001
+
+
+class Player:
+    """A node that publishes ``ground_truth``, ``estimate`` and ``/clock``.
+
+    ``time_offset`` in seconds is added to the estimate's stamps to find when it comes, not to the
+    stamps that are published.
+    """
+
+    def __init__(
+        self,
+        data: Inputs,
+        *,
+        frames: tuple[str, str],
+        time_offset: float,
+        clock: bool,
+        ros_arguments: Sequence[str] = (),
+    ) -> None:
+        self._topics = (data.ground_truth, data.estimate)
+        for trajectory in self._topics:
+            _check_stamps(trajectory)
+        offset = np.int64(round(time_offset * SECOND))
+        self._schedule = merge(data.ground_truth.stamps, data.estimate.stamps + offset)
+        self._rows = [
+            np.concatenate([each.positions, each.quaternions], axis=1).tolist()
+            for each in self._topics
+        ]
+        self._stamps = [each.stamps.tolist() for each in self._topics]
+        # Ctrl-C stays Python's; SIGTERM ends us the same way.
+        self._context = Context()
+        rclpy.init(
+            args=list(ros_arguments),
+            context=self._context,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        signal.signal(signal.SIGTERM, _interrupt)
+        self._node = rclpy.create_node("replay", context=self._context)
+        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        self._publishers: list[Publisher] = [
+            self._node.create_publisher(PoseStamped, name, qos)
+            for name in ("ground_truth", "estimate")
+        ]
+        self._clock = self._node.create_publisher(Clock, "/clock", 10) if clock else None
+        self._messages = [PoseStamped(), PoseStamped()]
+        for message, frame in zip(self._messages, frames, strict=True):
+            message.header.frame_id = frame
+        self._published = [0, 0]
+        self._started = time.monotonic()
+
+    def wait_for_subscribers(self, seconds: float) -> None:
+        """Wait until each topic has a subscriber.
+
+        Raises
+        ------
+        CommandError
+            If there is none after this many seconds; with 0 there is no wait and no error.
+        """
+        deadline = time.monotonic() + seconds
+        while seconds > 0:
+            lonely = [p for p in self._publishers if p.get_subscription_count() == 0]
+            if not lonely:
+                return
+            if time.monotonic() > deadline:
+                names = " and ".join(publisher.topic_name for publisher in lonely)
+                raise CommandError(f"nobody subscribes to {names} (waited {seconds:g} s)")
+            time.sleep(0.02)
+
+    def play(self, rate: float, *, loop: bool = False) -> None:
+        """Publish everything once, or again and again."""
+        self._started = time.monotonic()
+        with Progress("replaying", len(self._schedule), "messages") as progress:
+            while True:
+                self._play_once(self._schedule, rate, progress)
+                if not loop:
+                    return
+
+    def _play_once(self, schedule: Schedule, rate: float, progress: Progress) -> None:
+        times, topics = schedule.times.tolist(), schedule.topics.tolist()
+        rows = schedule.rows.tolist()
+        first, begin = times[0], time.monotonic()
+        last_tick, sent, count = -1.0, 0, len(times)
+        while sent < count:
+            now = time.monotonic()
+            data_now = first + int((now - begin) * rate * SECOND)
+            burst = 0
+            while sent < count and burst < _BURST and times[sent] <= data_now:
+                if now - last_tick >= _CLOCK_INTERVAL:
+                    self._tick(times[sent])
+                    last_tick = now
+                self._publish(topics[sent], rows[sent])
+                sent += 1
+                burst += 1
+            progress.update(sent)
+            if burst == _BURST:
+                time.sleep(_PAUSE)
+            elif sent < count:
+                due = begin + (times[sent] - first) / SECOND / rate
+                time.sleep(max(0.0, min(due - time.monotonic(), _TICK)))
+                if time.monotonic() - last_tick >= _TICK:
+                    # Never ahead of a message that is still to come.
+                    now = time.monotonic()
+                    self._tick(min(times[sent], first + int((now - begin) * rate * SECOND)))
+                    last_tick = now
+        self._tick(times[-1])
+
+    def _tick(self, nanoseconds: int) -> None:
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=_time(nanoseconds)))
+
+    def _publish(self, topic: int, row: int) -> None:
+        message = self._messages[topic]
+        message.header.stamp = _time(self._stamps[topic][row])
+        position, orientation = message.pose.position, message.pose.orientation
+        (
+            position.x,
+            position.y,
+            position.z,
+            orientation.x,
+            orientation.y,
+            orientation.z,
+            orientation.w,
+        ) = self._rows[topic][row]
+        self._publishers[topic].publish(message)
+        self._published[topic] += 1
+
+    def wait_for_acknowledgement(self, seconds: float) -> bool:
+        """Wait until every subscriber has every message; say whether that came about."""
+        timeout = Duration(seconds=seconds)
+        # Of both, even when the first one fails.
+        acknowledged = [publisher.wait_for_all_acked(timeout) for publisher in self._publishers]
+        return all(acknowledged)
+
+    def account(self) -> str:
+        """Return what has been published, as one line."""
+        ground_truth, estimate = self._published
+        elapsed = time.monotonic() - self._started
+        return f"published ground_truth {ground_truth}, estimate {estimate} in {elapsed:.1f} s"
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._node.destroy_node()
+        try_shutdown(context=self._context)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _interrupt(signum: int, frame: FrameType | None) -> Any:
+    raise KeyboardInterrupt
+
+
+def _time(nanoseconds: int) -> Time:
+    seconds, rest = divmod(nanoseconds, SECOND)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def _check_stamps(trajectory: Trajectory) -> None:
+    """Refuse stamps that a message cannot carry, and say which rows cannot be published."""
+    outside = (trajectory.stamps < 0) | (trajectory.stamps >= 2**31 * SECOND)
+    if outside.any():
+        where = trajectory.where(int(np.argmax(outside)))
+        raise CommandError(f"{where}: the stamp does not fit a ROS message")
+    count = len(trajectory.non_finite_stamp_rows)
+    if count:
+        print(
+            f"replay: {trajectory.source}: {count} rows have no finite stamp and are not published",
+            file=sys.stderr,
+        )

@@ -1,0 +1,127 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``replay``: publish recorded trajectories as live topics."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from trajeval_ros.commands import console, inputs
+
+DESCRIPTION = """\
+Publish ground truth and estimate as live topics (ground_truth, estimate: PoseStamped, reliable)
+in the order of their stamps, with /clock. Waits for a subscriber of each before it begins, and
+for their acknowledgement before it ends. Remap as any node: --ros-args -r estimate:=/odom"""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="replay",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    inputs.add_formats(parser, _add_options)
+    return parser
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--rate",
+        type=console.number(0.01, 1000.0),
+        default=1.0,
+        metavar="R",
+        help="times the recorded speed (default: 1)",
+    )
+    parser.add_argument(
+        "--loop",
+        action="store_true",
+        help="start again at the end, with the same stamps, until Ctrl-C",
+    )
+    parser.add_argument(
+        "--wait",
+        type=console.number(0.0, 86400.0),
+        default=30.0,
+        metavar="S",
+        help="how long to wait for subscribers; 0: begin at once (default: 30)",
+    )
+    parser.add_argument(
+        "--no-clock", action="store_true", help="do not publish the data's time on /clock"
+    )
+    parser.add_argument(
+        "--time-offset",
+        type=console.number(-1e9, 1e9),
+        default=0.0,
+        metavar="S",
+        help="the estimate's, to publish what belongs together at one time; stamps stay as they"
+        " are (default: 0)",
+    )
+    parser.add_argument(
+        "--frame-id", default="world", metavar="NAME", help="of the ground truth (default: world)"
+    )
+    parser.add_argument(
+        "--estimate-frame-id",
+        default="odom",
+        metavar="NAME",
+        help="of the estimate (default: odom)",
+    )
+
+
+def split_ros_arguments(argv: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return our arguments and ROS's, which stand between ``--ros-args`` and ``--``."""
+    ours: list[str] = []
+    ros: list[str] = []
+    target = ours
+    for argument in argv:
+        if argument == "--ros-args":
+            target = ros
+        if argument == "--" and target is ros:
+            target = ours
+        else:
+            target.append(argument)
+    return ours, ros
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    ours, ros = split_ros_arguments(sys.argv[1:] if argv is None else argv)
+    arguments = make_parser().parse_args(ours)
+    return console.run(lambda: replay(arguments, ros), "replay")
+
+
+def replay(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
+    """Read the data, and publish it."""
+    data = inputs.read(arguments)
+    inputs.check_overlap(data, arguments.time_offset)
+    try:
+        from trajeval_ros.commands.player import Player
+    except ImportError as error:
+        raise console.CommandError(
+            f"replay needs ROS 2 ({error}); source it, or: python3 -m pip install"
+            " 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
+        ) from error
+    with Player(
+        data,
+        frames=(arguments.frame_id, arguments.estimate_frame_id),
+        time_offset=arguments.time_offset,
+        clock=not arguments.no_clock,
+        ros_arguments=ros_arguments,
+    ) as player:
+        try:
+            player.wait_for_subscribers(arguments.wait)
+            player.play(arguments.rate, loop=arguments.loop)
+            acknowledged = player.wait_for_acknowledgement(10.0)
+        except KeyboardInterrupt:
+            print(f"{player.account()}, interrupted")
+            return console.DONE
+        print(f"{player.account()}{', all acknowledged' if acknowledged else ''}", flush=True)
+        if not acknowledged:
+            raise console.CommandError("a subscriber has not acknowledged every message")
+    return console.DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
