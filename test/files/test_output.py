@@ -3,9 +3,9 @@
 """The output folder: what is in it, when, and what a reader may rely on."""
 
 import csv
+import dataclasses
 import json
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import pytest
 
 from trajeval_ros import se3
 from trajeval_ros.files.output import COLUMNS, OutputError, OutputFolder
+from trajeval_ros.online.results import Evaluations
 
 Array = npt.NDArray[np.float64]
 
@@ -28,35 +29,27 @@ PROMISED = (
 )
 
 
-@dataclass(frozen=True)
-class Rows:
-    stamps: npt.NDArray[np.int64]
-    ground_truth: Array
-    covariance: Array
-    estimate: Array
-    relative_error: Array
-    chi2: Array
-    log_det: Array
-    log_likelihood: Array
-
-    def part(self, rows: slice) -> "Rows":
-        return Rows(**{name: values[rows] for name, values in vars(self).items()})
+def part(rows: Evaluations, which: slice) -> Evaluations:
+    names = [field.name for field in dataclasses.fields(Evaluations)]
+    return Evaluations(**{name: getattr(rows, name)[which] for name in names})
 
 
-def make_rows(count: int, seed: int = 0) -> Rows:
+def make_rows(count: int, seed: int = 0) -> Evaluations:
     generator = np.random.default_rng(seed)
     roots = generator.normal(size=(count, 6, 6))
     error = generator.normal(size=(count, 6)) * 1e-3
     error[:1] = np.nan
-    return Rows(
+    return Evaluations(
         stamps=np.int64(1403715529_112143517) + np.arange(count) * np.int64(49_999_999),
         ground_truth=se3.exp(generator.normal(size=(count, 6))),
         covariance=roots @ roots.swapaxes(-1, -2) * 1e-6,
         estimate=se3.exp(generator.normal(size=(count, 6))),
         relative_error=error,
+        absolute_error=error,
         chi2=generator.normal(size=count) ** 2,
         log_det=generator.normal(size=count),
         log_likelihood=generator.normal(size=count),
+        relative_log_likelihood=generator.normal(size=count),
     )
 
 
@@ -79,9 +72,9 @@ def test_columns_are_the_promised_ones(tmp_path: Path) -> None:
 def test_rows_read_back_exactly(tmp_path: Path) -> None:
     rows = make_rows(5)
     with OutputFolder(tmp_path) as folder:
-        folder.add(rows.part(slice(0, 2)))
-        folder.add(rows.part(slice(2, 2)))
-        folder.add(rows.part(slice(2, 5)))
+        folder.add(part(rows, slice(0, 2)))
+        folder.add(part(rows, slice(2, 2)))
+        folder.add(part(rows, slice(2, 5)))
         folder.write({})
     read = read_rows(tmp_path)
     assert [int(row["stamp_ns"]) for row in read] == rows.stamps.tolist()
@@ -105,7 +98,7 @@ def test_every_write_is_complete_to_that_moment(tmp_path: Path) -> None:
     rows = make_rows(7)
     with OutputFolder(tmp_path / "a" / "b") as folder:
         for end in range(1, 8):
-            folder.add(rows.part(slice(end - 1, end)))
+            folder.add(part(rows, slice(end - 1, end)))
             folder.write({"estimate": {"evaluated": end}}, lambda summary: f"<p>{summary}</p>")
             assert len(read_rows(folder.path)) == end
             summary = json.loads((folder.path / "summary.json").read_text(encoding="utf-8"))
@@ -148,9 +141,9 @@ def test_clear_starts_over(tmp_path: Path) -> None:
 def test_move_takes_the_rows_along(tmp_path: Path) -> None:
     rows = make_rows(6)
     folder = OutputFolder(tmp_path / "old")
-    folder.add(rows.part(slice(0, 4)))
+    folder.add(part(rows, slice(0, 4)))
     with folder.move(tmp_path / "new") as moved:
-        moved.add(rows.part(slice(4, 6)))
+        moved.add(part(rows, slice(4, 6)))
         moved.write({})
     assert stack(read_rows(tmp_path / "new"), "chi2")[:, 0].tolist() == rows.chi2.tolist()
     assert list((tmp_path / "old").iterdir()) == []

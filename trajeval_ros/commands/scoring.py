@@ -16,8 +16,9 @@ from trajeval_ros.files.output import OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.metrics.absolute import absolute
 from trajeval_ros.metrics.gauge import GAUGES
-from trajeval_ros.online.engine import Engine, Evaluations
+from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.merge import feed
+from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
 
@@ -47,15 +48,14 @@ def score(
     with Progress("evaluating", len(estimate), "poses") as progress:
         done = 0
         for results in feed(engine, samples(truth), samples(estimate), _CHUNK):
-            report.add(results.evaluations)
-            report.add_notices(results.notices)
+            report.add(results)
             whole_run.add(results.evaluations)
             if folder is not None:
                 folder.add(results.evaluations)
             done += len(results.evaluations.stamps)
             progress.update(done)
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
-    summary = engine.summary()
+    summary: Figures = engine.summary()
     _count_unstamped(summary["estimate"], estimate)
     _count_unstamped(summary["ground_truth"], truth)
     if not summary["estimate"]["evaluated"]:
@@ -101,7 +101,8 @@ class WholeRun:
     def log_likelihood(self, parameters: Mapping[str, Any]) -> float | None:
         """Return the nonlinear absolute log-likelihood, linearised at the best alignment of all.
 
-        None under the joint covariance, of which only the blocks on the diagonal are kept.
+        None where the gauge is not observed, and under the joint covariance, of which only the
+        blocks on the diagonal are kept.
         """
         if parameters["likelihood.covariance"] != "independent":
             return None
@@ -111,7 +112,7 @@ class WholeRun:
             np.concatenate(self._estimate),
             GAUGES[parameters["gauge"]],
         )
-        return float(found.likelihood.log_likelihood)
+        return None if found.likelihood is None else float(found.likelihood.log_likelihood)
 
 
 def where_to_look(data: Inputs, summary: Mapping[str, Any]) -> list[str]:

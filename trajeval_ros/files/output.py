@@ -15,12 +15,13 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Protocol, Self
+from typing import IO, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.online.results import Evaluations
 
 Array = npt.NDArray[np.float64]
 Summary = Mapping[str, Any]
@@ -48,42 +49,6 @@ _PATIENCE = 20
 
 class OutputError(Exception):
     """The output folder cannot be written; the message, one line, names path and reason."""
-
-
-class Evaluations(Protocol):
-    """What a row needs: arrays over M poses in stamp order (``online.engine.Evaluations``)."""
-
-    @property
-    def stamps(self) -> npt.NDArray[np.int64]:
-        """Stamps of the estimate in nanoseconds, (M,)."""
-
-    @property
-    def ground_truth(self) -> Array:
-        """T_world_body, (M, 4, 4)."""
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the ground truth, right perturbation, (M, 6, 6)."""
-
-    @property
-    def estimate(self) -> Array:
-        """T_estworld_body, (M, 4, 4)."""
-
-    @property
-    def relative_error(self) -> Array:
-        """Relative error from the pose before, (M, 6); NaN in the first row of a run."""
-
-    @property
-    def chi2(self) -> Array:
-        """This step's share of the relative error's χ², (M,)."""
-
-    @property
-    def log_det(self) -> Array:
-        """This step's share of the relative error's log-determinant, (M,)."""
-
-    @property
-    def log_likelihood(self) -> Array:
-        """This step's share of the relative error's log-likelihood in nats, (M,)."""
 
 
 def format_rows(evaluations: Evaluations) -> str:

@@ -4,16 +4,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.page import page
-from trajeval_ros.report.run import Notice, Run
-from trajeval_ros.report.track import Evaluations, Track
+from trajeval_ros.report.run import Run
+from trajeval_ros.report.track import Track
 
 _MOST_NOTICES = 100
 
@@ -37,14 +38,11 @@ class Report:
         self.estimate = Coverage()
         self.notices: list[Notice] = []
 
-    def add(self, evaluations: Evaluations) -> None:
-        """Take in evaluated poses, later than all before them."""
-        self.track.add(evaluations)
-
-    def add_notices(self, notices: Iterable[Notice]) -> None:
-        """Take in notices; the first hundred are shown."""
-        room = _MOST_NOTICES - len(self.notices)
-        self.notices += list(notices)[:room]
+    def add(self, results: Results) -> None:
+        """Take in what a call of the engine brought about."""
+        self.track.add(results)
+        # The first hundred are shown.
+        self.notices += results.notices[: _MOST_NOTICES - len(self.notices)]
 
     def add_received(
         self,

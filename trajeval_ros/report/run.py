@@ -6,22 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
+from trajeval_ros.online.results import Notice
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.track import Records
-
-
-class Notice(Protocol):
-    """What the engine has to say (``online.engine.Notice``)."""
-
-    @property
-    def level(self) -> str:
-        """``info``, ``warning`` or ``error``."""
-
-    @property
-    def text(self) -> str:
-        """One line."""
 
 
 @dataclass(frozen=True)

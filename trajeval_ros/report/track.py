@@ -9,10 +9,10 @@ sums over any span of buckets are exact. When there are too many buckets, neighb
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 import numpy.typing as npt
+
+from trajeval_ros.online.results import Results
 
 Array = npt.NDArray[np.float64]
 
@@ -50,50 +50,6 @@ _AT_END = (
 Records = npt.NDArray[np.void]
 
 
-class Evaluations(Protocol):
-    """Arrays over M evaluated poses, in stamp order (``online.engine.Evaluations``)."""
-
-    @property
-    def stamps(self) -> npt.NDArray[np.int64]:
-        """Stamps of the estimate in nanoseconds, (M,)."""
-
-    @property
-    def ground_truth(self) -> Array:
-        """T_world_body, (M, 4, 4)."""
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the ground truth, right perturbation, (M, 6, 6)."""
-
-    @property
-    def estimate(self) -> Array:
-        """T_estworld_body, (M, 4, 4)."""
-
-    @property
-    def relative_error(self) -> Array:
-        """(M, 6); NaN in the first row of a run."""
-
-    @property
-    def absolute_error(self) -> Array:
-        """Under the running alignment, (M, 6)."""
-
-    @property
-    def chi2(self) -> Array:
-        """This step's share of the relative error's χ², (M,)."""
-
-    @property
-    def log_det(self) -> Array:
-        """This step's share of the relative error's log-determinant, (M,)."""
-
-    @property
-    def relative_log_likelihood(self) -> Array:
-        """Running total after each pose, nats, (M,)."""
-
-    @property
-    def absolute_log_likelihood(self) -> Array:
-        """Running total after each pose, nats, (M,)."""
-
-
 class Track:
     """Evaluated poses of a run, at most ``2 * capacity`` buckets of them."""
 
@@ -107,11 +63,11 @@ class Track:
         self._chi2 = 0.0
         self._log_det = 0.0
 
-    def add(self, evaluations: Evaluations) -> None:
+    def add(self, results: Results) -> None:
         """Take in evaluated poses, later than all before them."""
-        if len(evaluations.stamps) == 0:
+        if len(results.evaluations) == 0:
             return
-        waiting = np.concatenate([self._pending, self._records(evaluations)])
+        waiting = np.concatenate([self._pending, self._records(results)])
         while len(waiting) >= self._stride:
             room = len(self._buckets) - self._used
             full = min(room, len(waiting) // self._stride)
@@ -124,7 +80,8 @@ class Track:
                 self._stride *= 2
         self._pending = waiting
 
-    def _records(self, evaluations: Evaluations) -> Records:
+    def _records(self, results: Results) -> Records:
+        evaluations, total = results.evaluations, results.absolute_log_likelihood
         records = np.empty(len(evaluations.stamps), FIELDS)
         absolute, relative = evaluations.absolute_error, evaluations.relative_error
         chi2 = self._chi2 + np.cumsum(evaluations.chi2)
@@ -139,7 +96,7 @@ class Track:
         records["relative_rotation_error"] = np.linalg.norm(relative[:, 3:], axis=-1)
         records["count"] = self._count + 1 + np.arange(len(records))
         records["relative_log_likelihood"] = evaluations.relative_log_likelihood
-        records["absolute_log_likelihood"] = evaluations.absolute_log_likelihood
+        records["absolute_log_likelihood"] = np.nan if total is None else total
         records["relative_chi2"] = chi2
         records["relative_log_det"] = log_det
         self._count += len(records)
