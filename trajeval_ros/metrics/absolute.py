@@ -12,7 +12,7 @@ gauge's d freedoms (see `gauge` for the measure).
 """
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from trajeval_ros.metrics.band import BandFactor, BandWhitener
 from trajeval_ros.metrics.gauge import SE3, Gauge, Similarity
 from trajeval_ros.metrics.gaussian import NOTHING, CovarianceError, GaussianLogLikelihood
 from trajeval_ros.metrics.information import Information
+from trajeval_ros.metrics.observability import Observability, Spread, observability
 from trajeval_ros.metrics.relative import covariance_blocks
 from trajeval_ros.metrics.umeyama import align_positions
 
@@ -69,17 +70,21 @@ class Ending(enum.StrEnum):
 class Absolute:
     """The absolute error of a set of poses, under the alignment that makes it likeliest.
 
-    likelihood: the integral over the gauge, by Laplace's approximation.
+    likelihood: the integral over the gauge, by Laplace's approximation; None where it diverges, a
+    free scale not being determined (see ``observability``).
     alignment: g*, the likelihood-weighted alignment.
-    covariance: of the alignment, (7, 7), as in `Gauge.covariance`.
+    covariance: of the alignment, (7, 7), as in `Gauge.covariance`; a scale that is not determined
+    is held, and has an infinite variance.
     residual: eps(g*), (M, 6), body frame.
+    observability: what of the gauge these poses determine.
     ending, iterations: of the search.
     """
 
-    likelihood: GaussianLogLikelihood
+    likelihood: GaussianLogLikelihood | None
     alignment: Similarity
     covariance: Array
     residual: Array
+    observability: Observability
     ending: Ending
     iterations: int
 
@@ -117,8 +122,32 @@ class _Problem:
         return none.absorb(self.factor.whiten(columns), self.factor.log_det)
 
 
-def _start(problem: _Problem) -> Similarity:
-    """The likelier one of Umeyama's alignment, of positions, and that of the middle pose.
+# The scale never falls below this share of itself in one step.
+_LEAST_SCALE = 0.1
+
+
+def _log_scale_std(gauge: Gauge, information: Information) -> float:
+    """The standard deviation of the scale's logarithm, all other freedoms being unknown too."""
+    if not gauge.has_scale:
+        return 0.0
+    # The scale is the last unknown, and the root upper triangular.
+    root = abs(float(information.root[-1, -1]))
+    return 1.0 / root if root > 0.0 else float("inf")
+
+
+def _best(gauge: Gauge, information: Information) -> Array:
+    """The best perturbation, (d,); the scale's is zero where nothing determines it."""
+    if not gauge.has_scale:
+        return information.optimum()
+    if not np.isfinite(_log_scale_std(gauge, information)):
+        return np.append(information.leading(information.dimension - 1).optimum(), 0.0)
+    delta = information.optimum()
+    delta[-1] = max(delta[-1], _LEAST_SCALE - 1.0)
+    return delta
+
+
+def _start(problem: _Problem, *others: Similarity) -> Similarity:
+    """The likelier one of Umeyama's alignment, of positions, that of the middle pose, and others.
 
     Where positions do not determine an alignment (a robot at rest), or nearly so, orientations do.
     """
@@ -129,15 +158,14 @@ def _start(problem: _Problem) -> Similarity:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = found.rotation, found.translation
     by_position = Similarity(pose, float(found.scale))
-    return min(by_position, by_pose, key=problem.chi2)
+    return min(*others, by_position, by_pose, key=problem.chi2)
 
 
-def _damped(information: Information, damping: float) -> Array:
+def _damped(gauge: Gauge, information: Information, damping: float) -> Array:
     """The Levenberg-Marquardt step, scaled by the information's diagonal."""
-    dimension = len(information.offset)
     scale = np.sqrt(damping) * np.linalg.norm(information.root, axis=0)
-    rows = np.concatenate([np.diag(scale), np.zeros((dimension, 1))], axis=1)
-    return information.absorb(rows, 0.0).optimum()
+    rows = np.concatenate([np.diag(scale), np.zeros((len(scale), 1))], axis=1)
+    return _best(gauge, information.absorb(rows, 0.0))
 
 
 def _minimize(problem: _Problem, alignment: Similarity) -> tuple[Similarity, Ending, int]:
@@ -150,7 +178,7 @@ def _minimize(problem: _Problem, alignment: Similarity) -> tuple[Similarity, End
         if gain <= _GAIN + _GAIN_SHARE * chi2:
             return alignment, Ending.CONVERGED, iteration
         while True:
-            step = _damped(information, damping) if damping else information.optimum()
+            step = _damped(problem.gauge, information, damping)
             proposal = problem.gauge.perturb(alignment, problem.centre, step)
             proposed = problem.chi2(proposal)
             if proposed < chi2:
@@ -182,40 +210,64 @@ def absolute(
     if len(ground_truth) == 0:
         raise ValueError("there is no pose to align")
     blocks = covariance_blocks(covariance, 0 if covariance.ndim == 3 else covariance.shape[1] - 1)
-    centre = ground_truth[:, :3, 3].mean(axis=0)
+    spread = Spread.none().absorb(ground_truth[:, :3, 3], blocks[:, 0])
+    centre = spread.mean
     problem = _Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, centre)
-    best, ending, iterations = _minimize(problem, _start(problem) if start is None else start)
-    information = problem.linearize(best)
+    if start is None:
+        start = _start(problem)
+    observed = observability(gauge, spread)
+    if observed.scale_observed:
+        best, ending, iterations = _minimize(problem, start)
+        information = problem.linearize(best)
+        observed = observability(gauge, spread, _log_scale_std(gauge, information))
+    if not observed.scale_observed:
+        problem = replace(problem, gauge=gauge.without_scale())
+        best, ending, iterations = _minimize(problem, start)
+        information = problem.linearize(best)
     return Absolute(
-        information.integral(),
+        information.integral() if observed.scale_observed else None,
         best,
-        gauge.covariance(best, centre, information.covariance()),
+        _alignment_covariance(problem.gauge, best, centre, information, observed),
         problem.residual(best)[0],
+        observed,
         ending,
         iterations,
     )
 
 
+def _alignment_covariance(
+    gauge: Gauge,
+    alignment: Similarity,
+    centre: Array,
+    information: Information,
+    observed: Observability,
+) -> Array:
+    covariance = gauge.covariance(alignment, centre, information.covariance())
+    if not observed.scale_observed:
+        covariance[6, 6] = np.inf
+    return covariance
+
+
+# The poses before the anchor settles, and then the poses from one anchor to the next.
+_POSES_PER_ANCHOR = 64
+
+
 def _next_anchoring(count: int) -> int:
     """After how many poses the anchor is moved next: 1, 2, 4 ... 64, 128, 192 ..."""
-    return (
-        1 << count.bit_length()
-        if count < _POSES_PER_ANCHOR
-        else ((count // _POSES_PER_ANCHOR + 1) * _POSES_PER_ANCHOR)
-    )
-
-
-_POSES_PER_ANCHOR = 64
+    if count < _POSES_PER_ANCHOR:
+        return 1 << count.bit_length()
+    return (count // _POSES_PER_ANCHOR + 1) * _POSES_PER_ANCHOR
 
 
 class RunningAbsolute:
     """The absolute likelihood over a trajectory that arrives batch by batch, in bounded memory.
 
     Each residual is exact at an anchor, the alignment that was the best when its pose came, and is
-    linear in the alignment from there. The first anchor is the alignment of the first pose; after
-    1, 2, 4 ... 64, 128, 192 ... poses it moves to the alignment that is best by then, and so does
-    the centre of perturbations, to the last pose. What was summed before is carried over to first
-    order. So the figures depend on the poses alone, and not on how they are cut into batches.
+    linear in the alignment from there. The anchor moves to the best alignment after 1, 2, 4 ... 64,
+    128, 192 ... poses, and the centre of perturbations with it to the last pose. The first 64 poses
+    are kept, and their residuals are then computed anew; later, what was summed before is carried
+    over to first order. So the figures depend on the poses alone, not on how they are cut into
+    batches, and one more pose costs the same however many there were.
     """
 
     def __init__(self, gauge: Gauge = SE3, bandwidth: int = 0) -> None:
@@ -226,27 +278,50 @@ class RunningAbsolute:
         self._anchor: Similarity | None = None
         self._centre = np.zeros(3)
         self._information = Information.none(gauge.dimension)
-        self._count = 0
+        self._spread = Spread.none()
+        # Ground truth, covariance blocks and estimate of the first poses.
+        self._first: tuple[Array, Array, Array] | None = None
 
     @property
-    def total(self) -> GaussianLogLikelihood:
-        """The log-likelihood so far, d degrees of freedom less than there are errors."""
-        return self._information.integral() if self._count else NOTHING
+    def total(self) -> GaussianLogLikelihood | None:
+        """The log-likelihood so far; None where a free scale is not determined (yet).
+
+        It has d degrees of freedom less than there are errors.
+        """
+        if self._anchor is None:
+            return NOTHING
+        if not self.observability.scale_observed:
+            return None
+        delta = self._optimum()
+        matrix = self._gauge.rebase(delta, np.zeros(3))
+        return self._information.change(matrix, delta).integral()
 
     @property
     def alignment(self) -> Similarity | None:
         """The best alignment so far; None before the first pose."""
         if self._anchor is None:
             return None
-        return self._gauge.perturb(self._anchor, self._centre, self._information.optimum())
+        delta = self._optimum()
+        return self._gauge.perturb(self._anchor, self._centre, delta)
 
     @property
     def covariance(self) -> Array | None:
-        """The covariance of `alignment`, (7, 7), as in `Gauge.covariance`."""
+        """The covariance of `alignment`, (7, 7), as `Absolute.covariance`; None without a pose."""
         alignment = self.alignment
         if alignment is None:
             return None
-        return self._gauge.covariance(alignment, self._centre, self._information.covariance())
+        observed = self.observability
+        gauge, information = self._gauge, self._information
+        if not observed.scale_observed:
+            gauge = gauge.without_scale()
+            information = information.leading(gauge.dimension)
+        return _alignment_covariance(gauge, alignment, self._centre, information, observed)
+
+    @property
+    def observability(self) -> Observability:
+        """What of the gauge the poses so far determine."""
+        std = _log_scale_std(self._gauge, self._information)
+        return observability(self._gauge, self._spread, std)
 
     def update(self, ground_truth: Array, covariance: Array, estimate: Array) -> None:
         """Take the next poses.
@@ -257,7 +332,8 @@ class RunningAbsolute:
         blocks = covariance_blocks(covariance, self._bandwidth)
         start = 0
         while start < len(ground_truth):
-            piece = slice(start, start + _next_anchoring(self._count) - self._count)
+            count = self._spread.count
+            piece = slice(start, start + _next_anchoring(count) - count)
             try:
                 self._take(ground_truth[piece], blocks[piece], estimate[piece])
             except CovarianceError as wrong:
@@ -265,13 +341,35 @@ class RunningAbsolute:
             start = piece.stop
 
     def _take(self, ground_truth: Array, blocks: Array, estimate: Array) -> None:
-        if self._anchor is None:
-            anchor, centre = (
-                pose_alignment(ground_truth[0], estimate[0], self._gauge),
-                ground_truth[0, :3, 3].copy(),
-            )
-        else:
-            anchor, centre = self._anchor, self._centre
+        """Take poses up to where the anchor moves next, at the most."""
+        anchor, centre = self._anchor, self._centre
+        if anchor is None:
+            anchor = pose_alignment(ground_truth[0], estimate[0], self._gauge)
+            centre = ground_truth[0, :3, 3].copy()
+        self._add(ground_truth, blocks, estimate, anchor, centre)
+        self._anchor, self._centre = anchor, centre
+        before = self._spread.count
+        self._spread = self._spread.absorb(ground_truth[:, :3, 3], blocks[:, 0])
+        if before < _POSES_PER_ANCHOR:
+            new = (ground_truth, blocks, estimate)
+            self._first = new if self._first is None else _joined(self._first, new)
+        if self._spread.count == _next_anchoring(before):
+            if self._first is not None:
+                self._settle(*self._first, anchor)
+            else:
+                self._move_anchor(anchor, ground_truth[-1, :3, 3].copy())
+        if self._spread.count >= _POSES_PER_ANCHOR:
+            self._first = None
+
+    def _add(
+        self,
+        ground_truth: Array,
+        blocks: Array,
+        estimate: Array,
+        anchor: Similarity,
+        centre: Array,
+    ) -> None:
+        """Add the residuals at the anchor, and their derivatives, to the sums."""
         aligned = anchor.apply(estimate)
         residual = absolute_residual(ground_truth, aligned)
         if not np.isfinite(residual).all():
@@ -282,20 +380,40 @@ class RunningAbsolute:
         self._information = self._information.absorb(
             white.reshape(-1, columns.shape[-1]), float(log_det.sum())
         )
-        self._anchor, self._centre = anchor, centre
-        before = self._count
-        self._count += len(ground_truth)
-        if self._count == _next_anchoring(before):
-            self._move_anchor(ground_truth[-1, :3, 3].copy())
 
-    def _move_anchor(self, centre: Array) -> None:
-        assert self._anchor is not None
-        dimension = self._gauge.dimension
-        delta = self._information.optimum()
-        change = np.eye(dimension + 1)
+    def _optimum(self) -> Array:
+        """The best perturbation of the anchor, (d,); the scale held where it is not determined."""
+        information = self._information
+        if self.observability.scale_observed:
+            return _best(self._gauge, information)
+        return np.append(information.leading(information.dimension - 1).optimum(), 0.0)
+
+    def _settle(
+        self, ground_truth: Array, blocks: Array, estimate: Array, anchor: Similarity
+    ) -> None:
+        """Sum the first poses' residuals anew, at the best alignment for all of them."""
+        gauge = self._gauge
+        if not observability(gauge, self._spread).scale_observed:
+            gauge = gauge.without_scale()
+        problem = _Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, self._spread.mean)
+        best, _, _ = _minimize(problem, _start(problem, anchor))
+        self._anchor, self._centre = best, ground_truth[-1, :3, 3].copy()
+        self._whitener = BandWhitener(self._bandwidth, self._gauge.dimension + 1)
+        self._information = Information.none(self._gauge.dimension)
+        self._add(ground_truth, blocks, estimate, self._anchor, self._centre)
+
+    def _move_anchor(self, anchor: Similarity, centre: Array) -> None:
+        """Carry the sums over to the best alignment, to first order."""
+        delta = self._optimum()
+        change = np.eye(len(delta) + 1)
         change[:-1, :-1] = self._gauge.rebase(delta, centre - self._centre)
         change[:-1, -1] = delta
-        self._anchor = self._gauge.perturb(self._anchor, self._centre, delta)
+        self._anchor = self._gauge.perturb(anchor, self._centre, delta)
         self._information = self._information.change(change[:-1, :-1], delta)
         self._whitener.transform(change)
         self._centre = centre
+
+
+def _joined(first: tuple[Array, ...], second: tuple[Array, ...]) -> tuple[Array, Array, Array]:
+    a, b, c = (np.concatenate(pair) for pair in zip(first, second, strict=True))
+    return a, b, c

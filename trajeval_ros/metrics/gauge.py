@@ -5,7 +5,7 @@
 An alignment maps the estimate's world into the ground truth's. It is perturbed on the left, about
 a centre c in the ground truth's world, by (rho, phi, lambda): ::
 
-    g(delta) = h(delta) g,    h: x -> c + Exp(rho, phi) e^lambda (x - c)
+    g(delta) = h(delta) g,    h: x -> c + Exp(rho, phi) (1 + lambda) (x - c)
 
 and a gauge is the subgroup that some of these seven span. The measure integrated over is
 ``d rho d phi d lambda`` of h at the identity: the right-invariant Haar measure, so that a change of
@@ -83,13 +83,17 @@ class Gauge:
         return full
 
     def perturb(self, alignment: Similarity, centre: Array, delta: Array) -> Similarity:
-        """``h(delta) g``. centre: (3,). delta: (d,)."""
+        """``h(delta) g``. centre: (3,). delta: (d,), its scale above -1."""
         full = self.expand(delta)
-        factor = float(np.exp(full[6]))
+        factor = 1.0 + float(full[6])
         pose = alignment.pose.copy()
         pose[:3, 3] = factor * (pose[:3, 3] - centre)
         pose = _about(centre) @ se3.exp(full[:6]) @ pose
         return Similarity(pose, factor * alignment.scale)
+
+    def without_scale(self) -> "Gauge":
+        """The same gauge with the scale held."""
+        return SE3 if self.has_scale else self
 
     def jacobian(self, residual: Array, aligned: Array, centre: Array) -> Array:
         """The derivative of ``Log(T_gt^-1 h(delta) T)`` by delta, at zero.
@@ -116,6 +120,7 @@ class Gauge:
         matrix = np.eye(7)
         matrix[:6, :6] = se3.left_jacobian_inverse(full[:6])
         matrix[:3, 6] = full[:3]
+        matrix[6, 6] = 1.0 + full[6]
         # A point moves by rho + phi x (p - c) + lambda (p - c), about either centre.
         about = np.eye(7)
         about[:3, 3:6] = se3.hat(shift)

@@ -39,6 +39,22 @@ class Information:
         """No residuals, on so many unknowns."""
         return Information(np.zeros((dimension, dimension)), np.zeros(dimension), 0.0, 0.0, 0)
 
+    @property
+    def dimension(self) -> int:
+        """The number of unknowns."""
+        return len(self.offset)
+
+    def leading(self, dimension: int) -> "Information":
+        """The same on the first unknowns, the others being held at zero."""
+        held = self.offset[dimension:]
+        return Information(
+            self.root[:dimension, :dimension],
+            self.offset[:dimension],
+            self.chi2 + float(held @ held),
+            self.log_det,
+            self.count,
+        )
+
     def absorb(self, columns: Array, log_det: float) -> "Information":
         """The sum with more residuals, whitened.
 
