@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 Figures = Mapping[str, Any]
@@ -17,9 +17,14 @@ def number(value: float | None, digits: int = 4) -> str:
     """Return a figure in few characters, with thousands separated, or a dash for None."""
     if value is None:
         return _NONE
-    if value == 0 or 1e-4 <= abs(value) < 1e4:
-        return f"{value:.{digits}g}" if abs(value) < 1000 else f"{value:,.1f}"
-    return f"{value:,.0f}" if 1e4 <= abs(value) < 1e12 else f"{value:.{digits}g}"
+    if isinstance(value, int):
+        return f"{value:,}"
+    size = abs(value)
+    if size < 1e3:
+        return f"{value:.{digits}g}"
+    if size < 1e9:
+        return f"{value:,.0f}" if size >= 1e4 else f"{value:,.1f}"
+    return f"{value:.{digits - 1}e}"
 
 
 def metres(value: float | None) -> str:
@@ -49,7 +54,7 @@ def table(rows: list[tuple[str, ...]]) -> list[str]:
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return [
         row[0].ljust(widths[0])
-        + "".join(cell.rjust(width + 3) for cell, width in zip(row[1:], widths[1:], strict=True))
+        + "".join(cell.rjust(width + 2) for cell, width in zip(row[1:], widths[1:], strict=True))
         for row in rows
     ]
 
@@ -64,32 +69,34 @@ def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
     ]
     relative, absolute = summary["relative"], summary["absolute"]
     window = summary.get("window") or {}
+    columns: list[Figures] = [
+        relative,
+        absolute,
+        window.get("relative") or {},
+        window.get("absolute") or {},
+    ]
+
+    def row(title: str, key: str, show: Callable[[Any], str] = number) -> tuple[str, ...]:
+        return (title, *(show(figures.get(key)) for figures in columns))
+
     last = f"last {parameters['window.duration']:g} s"
-    columns: list[tuple[str, Figures]] = [
-        ("relative", relative),
-        ("absolute", absolute),
-        (f"relative, {last}", window.get("relative") or {}),
-        (f"absolute, {last}", window.get("absolute") or {}),
-    ]
-
-    def row(title: str, key: str, show: Any = number) -> tuple[str, ...]:
-        return (title, *(show(figures.get(key)) for _, figures in columns))
-
-    rows = [
-        ("Generalized error", *(title for title, _ in columns)),
-        row("log-likelihood, nats", "log_likelihood"),
-        row("chi2", "chi2"),
-        row("degrees of freedom", "dof"),
-        row("chi2/dof (1: as good as the ground truth)", "chi2_per_dof"),
-        row("translation RMSE", "translation_rmse", metres),
-        row("rotation RMSE", "rotation_rmse", degrees),
-    ]
-    lines += table(rows)
+    lines += table(
+        [
+            ("Generalized error", "relative", "absolute", f"RE, {last}", f"AE, {last}"),
+            row("log-likelihood, nats", "log_likelihood"),
+            row("  chi2", "chi2"),
+            row("  log-determinant", "log_det"),
+            row("  degrees of freedom", "dof"),
+            row("chi2/dof", "chi2_per_dof"),
+            row("error, in ground-truth std", "error_in_ground_truth_std"),
+            row("translation, RMSE", "translation_rmse", metres),
+            row("rotation, RMSE", "rotation_rmse", degrees),
+        ]
+    )
     if absolute.get("log_likelihood_nonlinear") is not None:
         lines.append(
-            f"Absolute, over the whole run: first order"
-            f" {number(absolute.get('log_likelihood_first_order'))},"
-            f" nonlinear {number(absolute['log_likelihood_nonlinear'])} nats"
+            f"Absolute log-likelihood, fully nonlinear over the whole run:"
+            f" {number(absolute['log_likelihood_nonlinear'])} nats"
         )
     lines.append("")
     lines += _conventional(summary["conventional"], summary["gauge"], parameters)

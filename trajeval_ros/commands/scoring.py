@@ -8,25 +8,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import Inputs, first_bad_rows
 from trajeval_ros.files.output import OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
-from trajeval_ros.metrics.absolute import absolute
 from trajeval_ros.metrics.gauge import GAUGES
+from trajeval_ros.metrics.umeyama import Gauge
 from trajeval_ros.online.engine import Engine
-from trajeval_ros.online.merge import feed
+from trajeval_ros.online.feed import feed
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
 
-Array = npt.NDArray[np.float64]
 Figures = dict[str, Any]
-
-# Seconds of data between two calls of the engine's advance.
-_CHUNK = 1.0
 
 
 def score(
@@ -43,13 +39,13 @@ def score(
         If not a single estimate could be evaluated; says why.
     """
     engine = Engine(parameters)
-    whole_run = WholeRun()
+    poses = WholeRun()
     truth, estimate = data.ground_truth, data.estimate
     with Progress("evaluating", len(estimate), "poses") as progress:
         done = 0
-        for results in feed(engine, samples(truth), samples(estimate), _CHUNK):
+        for results in feed(engine, samples(truth), samples(estimate)):
             report.add(results)
-            whole_run.add(results.evaluations)
+            poses.add(results.evaluations)
             if folder is not None:
                 folder.add(results.evaluations)
             done += len(results.evaluations.stamps)
@@ -65,8 +61,7 @@ def score(
             f"{estimate.source}: none of its {len(estimate):,} poses could be evaluated"
             + (f" ({reasons})" if reasons else "")
         )
-    summary["absolute"]["log_likelihood_nonlinear"] = whole_run.log_likelihood(parameters)
-    return summary
+    return poses.complete(summary, parameters["gauge"])
 
 
 def samples(trajectory: Trajectory) -> PoseSamples:
@@ -88,31 +83,21 @@ class WholeRun:
     """Every evaluated pose of a run, for the one figure that needs them all at once."""
 
     def __init__(self) -> None:
-        self._ground_truth: list[Array] = []
-        self._covariance: list[Array] = []
-        self._estimate: list[Array] = []
+        self._poses: list[Evaluations] = []
 
     def add(self, evaluations: Evaluations) -> None:
         """Keep the poses."""
-        self._ground_truth.append(evaluations.ground_truth)
-        self._covariance.append(evaluations.covariance)
-        self._estimate.append(evaluations.estimate)
+        self._poses.append(evaluations)
 
-    def log_likelihood(self, parameters: Mapping[str, Any]) -> float | None:
-        """Return the nonlinear absolute log-likelihood, linearised at the best alignment of all.
-
-        None where the gauge is not observed, and under the joint covariance, of which only the
-        blocks on the diagonal are kept.
-        """
-        if parameters["likelihood.covariance"] != "independent":
-            return None
-        found = absolute(
-            np.concatenate(self._ground_truth),
-            np.concatenate(self._covariance),
-            np.concatenate(self._estimate),
-            GAUGES[parameters["gauge"]],
+    def complete(self, summary: Figures, gauge: Gauge) -> Figures:
+        """Return the summary with the nonlinear absolute log-likelihood over all poses."""
+        return whole_run(
+            summary,
+            np.concatenate([poses.ground_truth for poses in self._poses]),
+            np.concatenate([poses.covariance for poses in self._poses]),
+            np.concatenate([poses.estimate for poses in self._poses]),
+            GAUGES[gauge],
         )
-        return None if found.likelihood is None else float(found.likelihood.log_likelihood)
 
 
 def where_to_look(data: Inputs, summary: Mapping[str, Any]) -> list[str]:
