@@ -1,0 +1,201 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the stream of ground-truth samples is cut into overlapping segments, and how they hand over.
+
+At any time one segment is the current one. When it has half of what makes it complete (more exactly
+the share that does not overlap), its successor is opened, with a few earlier samples for context,
+and a hand-over begins: a *progress* grows from 0 to 1 over the samples that follow, measured in
+time and number of samples. It is linear in time between samples, so it is known at t from the first
+sample after t, whatever comes later; and it is continuous, so that the blend of the two segments'
+answers is, too, across gaps as well. At 1 the old segment is closed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.ground_truth.segment import Samples, Segment
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+# Local coordinates wrap around at a rotation of pi from the segment's first sample. The hand-over
+# begins at the first angle and is complete at the second, so a body that spins gets shorter
+# segments.
+_TURN_BEGIN = 1.2
+_TURN_END = 2.4
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentShape:
+    """When a segment is complete: ``duration`` (ns) and ``min_samples``, or ``max_samples``.
+
+    ``overlap`` is the share of a segment that it has in common with the next.
+    """
+
+    duration: int
+    overlap: float
+    min_samples: int
+    max_samples: int
+
+    @property
+    def lead(self) -> int:
+        """Samples before the hand-over with which a successor is opened."""
+        return max(1, round(self.overlap * self.min_samples / 2))
+
+
+class HandOver:
+    """The progress of one hand-over, sample by sample."""
+
+    def __init__(self, stamp: int) -> None:
+        """Begin at the sample stamped ``stamp``."""
+        self._stamps = np.array([stamp], dtype=np.int64)
+        self._progress = np.zeros(1)
+
+    @property
+    def begin(self) -> int:
+        """Stamp at which it begins."""
+        return int(self._stamps[0])
+
+    @property
+    def end(self) -> int:
+        """Stamp of the newest sample."""
+        return int(self._stamps[-1])
+
+    @property
+    def last(self) -> float:
+        """Progress at the newest sample."""
+        return float(self._progress[-1])
+
+    def append(self, stamps: Stamps, progress: Array) -> None:
+        """Add the progress at later samples."""
+        self._stamps = np.concatenate([self._stamps, stamps])
+        self._progress = np.concatenate([self._progress, progress])
+
+    def weight(self, stamps: Stamps) -> Array:
+        """Weight of the new segment at ``stamps``: ``p²(3 - 2p)`` of the progress p."""
+        p = np.interp(stamps - self._stamps[0], self._stamps - self._stamps[0], self._progress)
+        return np.asarray(p * p * (3.0 - 2.0 * p))
+
+
+@dataclass(frozen=True, slots=True)
+class Blended:
+    """A segment with the hand-overs at its two ends; None where there is none (yet)."""
+
+    segment: Segment
+    incoming: HandOver | None
+    outgoing: HandOver | None
+
+    def weight(self, stamps: Stamps) -> Array:
+        """The segment's weight at ``stamps`` (q,); the weights of all segments sum to one."""
+        weight = np.ones(len(stamps))
+        if self.incoming is not None:
+            weight = weight * self.incoming.weight(stamps)
+        if self.outgoing is not None:
+            weight = weight * (1.0 - self.outgoing.weight(stamps))
+        return weight
+
+
+class Segmentation:
+    """The retained segments, oldest first; the owner of those still open."""
+
+    def __init__(self, shape: SegmentShape) -> None:
+        """Start without segments."""
+        self._shape = shape
+        self._segments: deque[Segment] = deque()
+        self._handovers: deque[HandOver] = deque()  # one between every two neighbours
+        self._first_incoming: HandOver | None = None
+        self._trigger = (0, 0.0)  # samples and angle of the old segment when its hand-over began
+        self.opened = 0
+        self.closed = 0
+
+    def __iter__(self) -> Iterator[Blended]:
+        """Iterate over the retained segments with their hand-overs."""
+        incoming = [self._first_incoming, *self._handovers]
+        outgoing = [*self._handovers, None]
+        return map(Blended, self._segments, incoming, outgoing)
+
+    @property
+    def _handing_over(self) -> bool:
+        return bool(self._handovers) and self._handovers[-1].last < 1.0
+
+    def append(self, samples: Samples) -> list[Segment]:
+        """Add later samples; return the segments closed by them."""
+        closed: list[Segment] = []
+        while len(samples):
+            if not self._segments:
+                self._segments.append(Segment(samples[:1]))
+                self.opened += 1
+                samples = samples[1:]
+            elif self._handing_over:
+                samples = self._continue_handover(samples, closed)
+            else:
+                samples = self._continue_alone(samples)
+        return closed
+
+    def _continue_alone(self, samples: Samples) -> Samples:
+        """Feed the open segment up to the sample at which a hand-over begins; return the rest."""
+        segment, shape = self._segments[-1], self._shape
+        share = 1.0 - shape.overlap
+        samples, rest = samples[: shape.max_samples], samples[shape.max_samples :]
+        count = len(segment) + np.arange(1, len(samples) + 1)
+        angle = _angles(segment.local(samples.poses))
+        long_enough = samples.stamps - segment.start >= share * shape.duration
+        ready = (
+            (long_enough & (count >= share * shape.min_samples))
+            | (count >= share * shape.max_samples)
+            | (angle >= _TURN_BEGIN)
+        )
+        taken = int(np.argmax(ready)) + 1 if ready.any() else len(samples)
+        segment.append(samples[:taken])
+        if ready.any():
+            self._trigger = (len(segment), float(angle[taken - 1]))
+            self._handovers.append(HandOver(int(samples.stamps[taken - 1])))
+            self._segments.append(Segment(segment.samples[-shape.lead - 1 :]))
+            self.opened += 1
+        return samples[taken:] + rest if len(rest) else samples[taken:]
+
+    def _continue_handover(self, samples: Samples, closed: list[Segment]) -> Samples:
+        """Feed both segments up to the sample that completes the hand-over; return the rest."""
+        old, new, handover, shape = (
+            self._segments[-2],
+            self._segments[-1],
+            self._handovers[-1],
+            self._shape,
+        )
+        samples, rest = samples[: shape.max_samples], samples[shape.max_samples :]
+        begun, angle = self._trigger
+        count = len(old) - begun + np.arange(1, len(samples) + 1)
+        by_time = (samples.stamps - handover.begin) / (shape.overlap * shape.duration)
+        by_count = count / (shape.overlap * shape.min_samples)
+        by_room = count / max(shape.max_samples - begun, 1)
+        room_to_turn = max(_TURN_END - angle, 0.1)
+        by_turn = (_angles(old.local(samples.poses)) - angle) / room_to_turn
+        progress = np.maximum.reduce([np.minimum(by_time, by_count), by_room, by_turn])
+        progress = np.maximum.accumulate(np.clip(progress, handover.last, 1.0))
+        complete = progress >= 1.0
+        taken = int(np.argmax(complete)) + 1 if complete.any() else len(samples)
+        handover.append(samples.stamps[:taken], progress[:taken])
+        old.append(samples[:taken])
+        new.append(samples[:taken])
+        if complete.any():
+            self.closed += 1
+            closed.append(old)
+        return samples[taken:] + rest if len(rest) else samples[taken:]
+
+    def forget(self, before: int) -> None:
+        """Drop the closed segments that have no weight at ``before`` (ns) or later."""
+        while self._handovers and self._handovers[0].last >= 1.0:
+            if self._handovers[0].end > before:
+                break
+            self._first_incoming = self._handovers.popleft()
+            self._segments.popleft()
+
+
+def _angles(coordinates: Array) -> Array:
+    return np.asarray(np.linalg.norm(coordinates[:, 3:], axis=-1))
