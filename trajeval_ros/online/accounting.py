@@ -1,0 +1,72 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Why poses are not used, and how many of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from enum import StrEnum
+
+
+class Reason(StrEnum):
+    """Why a pose was rejected."""
+
+    NON_FINITE = "non_finite"
+    IMPLAUSIBLE_POSITION = "implausible_position"
+    ZERO_QUATERNION = "zero_quaternion"
+    UNNORMALIZED_QUATERNION = "unnormalized_quaternion"
+    INVALID_COVARIANCE = "invalid_covariance"
+    NEGATIVE_STAMP = "negative_stamp"
+    ZERO_STAMP = "zero_stamp"
+    DUPLICATE_STAMP = "duplicate_stamp"
+    OUT_OF_ORDER = "out_of_order"
+    STAMP_JUMP = "stamp_jump"
+    NO_GROUND_TRUTH = "no_ground_truth"
+    OUTSIDE_GROUND_TRUTH = "outside_ground_truth"
+    TOO_LATE = "too_late"
+
+    @property
+    def explanation(self) -> str:
+        """One line for the user."""
+        return _EXPLANATIONS[self]
+
+
+_EXPLANATIONS = {
+    Reason.NON_FINITE: "a value is NaN or infinite",
+    Reason.IMPLAUSIBLE_POSITION: "a coordinate exceeds 1e9 m",
+    Reason.ZERO_QUATERNION: "the quaternion is zero",
+    Reason.UNNORMALIZED_QUATERNION: "the quaternion's norm is off 1 by more than 0.01",
+    Reason.INVALID_COVARIANCE: "the covariance is not symmetric and positive semi-definite",
+    Reason.NEGATIVE_STAMP: "the stamp is before 1970",
+    Reason.ZERO_STAMP: "the stamp is zero, so it was not set",
+    Reason.DUPLICATE_STAMP: "the stamp repeats the one before",
+    Reason.OUT_OF_ORDER: "the stamp is earlier than one that came before",
+    Reason.STAMP_JUMP: "the stamp leaps ahead of those around it",
+    Reason.NO_GROUND_TRUTH: "no ground truth within ground_truth.max_gap",
+    Reason.OUTSIDE_GROUND_TRUTH: "before the first or after the last ground truth",
+    Reason.TOO_LATE: "it came more than a window after its ground truth",
+}
+
+
+class Account:
+    """What became of the poses of one topic."""
+
+    def __init__(self) -> None:
+        """Start at zero."""
+        self.received = 0
+        self._rejected: Counter[Reason] = Counter()
+
+    def reject(self, reason: Reason, count: int = 1) -> None:
+        """Count rejected poses."""
+        if count:
+            self._rejected[reason] += count
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Rejected poses by reason, in the order of :class:`Reason`."""
+        return {str(r): self._rejected[r] for r in Reason if self._rejected[r]}
+
+    @property
+    def rejected_total(self) -> int:
+        """All rejected poses."""
+        return self._rejected.total()

@@ -1,0 +1,359 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The online engine: a pure function of its inputs.
+
+An estimate is evaluated as soon as the first ground-truth sample at or after ``t + lag`` is there,
+and exactly with the samples up to that one. Which estimates are evaluated, and with what, depends
+on the stamps alone, never on when a message arrived; the clock only tells when to give up waiting
+(``docs/architecture.md``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
+from trajeval_ros.ground_truth.segment import Samples
+from trajeval_ros.ground_truth.segmentation import SegmentShape
+from trajeval_ros.ground_truth.trajectory import GroundTruth, Model
+from trajeval_ros.online.accounting import Reason
+from trajeval_ros.online.evaluation import Evaluation
+from trajeval_ros.online.intake import Accepted, Intake
+from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value, complete
+from trajeval_ros.online.results import (
+    NO_EVALUATIONS,
+    Evaluations,
+    Health,
+    Notice,
+    Results,
+    TopicHealth,
+)
+from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.online.summary import summarize
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_SELF_CHECK = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """Estimates that wait for their ground truth; ``stamps`` are on the ground truth's clock."""
+
+    stamps: Stamps
+    poses: Array
+    covariances: Array | None
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def where(self, mask: Mask) -> _Pending:
+        covariances = None if self.covariances is None else self.covariances[mask]
+        return _Pending(self.stamps[mask], self.poses[mask], covariances)
+
+    def joined(self, later: _Pending) -> _Pending:
+        covariances = later.covariances
+        if self.covariances is not None and later.covariances is not None:
+            covariances = np.concatenate([self.covariances, later.covariances])
+        return _Pending(
+            np.concatenate([self.stamps, later.stamps]),
+            np.concatenate([self.poses, later.poses]),
+            covariances,
+        )
+
+
+_NOBODY = _Pending(np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), None)
+
+
+class Engine:
+    """Scores an estimated trajectory against the ground truth while both arrive."""
+
+    def __init__(self, parameters: Mapping[str, object]) -> None:
+        """Take the parameters, of which those that are missing have their defaults.
+
+        Raises :class:`~trajeval_ros.online.parameters.ParameterError`.
+        """
+        self._values = complete(parameters)
+        self._from_body = se3.inverse(_extrinsic(self._values))
+        self.reset()
+
+    def reset(self) -> None:
+        """Start over, with the parameters as they are."""
+        values = self._values
+        self._estimates = Intake(bool(values["estimate.use_covariance"]))
+        self._samples = Intake(bool(values["ground_truth.use_covariance"]))
+        self._ground_truth = GroundTruth(_model(values))
+        self._evaluation = Evaluation(values)
+        self._pending = _NOBODY
+        self._newest_estimate: int | None = None
+        self._forgotten = False
+        self._announced: set[str] = set()
+
+    @property
+    def parameters(self) -> Mapping[str, Value]:
+        """Every parameter's value."""
+        return dict(self._values)
+
+    def set(self, name: str, value: object) -> None:
+        """Change a dynamic parameter.
+
+        Raises :class:`~trajeval_ros.online.parameters.ParameterError` for one that is unknown,
+        read-only or out of range.
+        """
+        if name not in PARAMETERS:
+            raise ParameterError(f"unknown parameter {name}")
+        if not PARAMETERS[name].dynamic:
+            raise ParameterError(f"{name} is read-only while the engine runs")
+        self._values[name] = PARAMETERS[name].validate(value)
+        if name == "window.duration":
+            self._evaluation.window_duration = self._nanoseconds(name)
+
+    def _nanoseconds(self, name: str) -> int:
+        value = self._values[name]
+        assert isinstance(value, float)
+        return round(value * 1e9)
+
+    def add_ground_truth(self, samples: PoseSamples) -> None:
+        """Take ground-truth samples, in the order of their arrival."""
+        self._append_ground_truth(self._samples.accept(samples))
+
+    def add_estimate(self, samples: PoseSamples) -> None:
+        """Take estimates, in the order of their arrival."""
+        self._append_estimates(self._estimates.accept(samples))
+
+    def _append_ground_truth(self, accepted: Accepted) -> None:
+        if len(accepted.stamps):
+            self._ground_truth.append(
+                Samples(accepted.stamps, accepted.poses, accepted.covariances)
+            )
+
+    def _append_estimates(self, accepted: Accepted) -> None:
+        if not len(accepted.stamps):
+            return
+        # T_world_gtbody = T_world_estbody (T_gtbody_estbody)^-1, and the covariance goes along by
+        # the adjoint.
+        covariances = accepted.covariances
+        if covariances is not None:
+            adjoint = se3.adjoint(se3.inverse(self._from_body))
+            covariances = adjoint @ covariances @ adjoint.T
+        stamps = accepted.stamps + self._nanoseconds("estimate.time_offset")
+        arrived = _Pending(stamps, se3.compose(accepted.poses, self._from_body), covariances)
+        self._newest_estimate = int(stamps[-1])
+        self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
+
+    def advance(self, now: int | None = None) -> Results:
+        """Evaluate all that can be.
+
+        ``now`` (ns) is the time on the clock of the stamps; without it nothing is given up.
+        """
+        evaluations = self._evaluate(self._answerable())
+        if now is not None:
+            self._give_up(now)
+        self._forget()
+        return self._results(evaluations)
+
+    def finish(self) -> Results:
+        """No more data will come: evaluate or reject all that is pending."""
+        self._append_ground_truth(self._samples.conclude())
+        self._append_estimates(self._estimates.conclude())
+        self._ground_truth.conclude()
+        evaluations = self._evaluate(len(self._pending))
+        return self._results(evaluations)
+
+    def _answerable(self) -> int:
+        """Number of pending estimates that are at least ``lag`` older than the newest sample."""
+        stamps = self._ground_truth.stamps
+        if self._ground_truth.hyperparameters is None or not len(stamps):
+            return 0
+        latest = stamps[-1] - self._nanoseconds("ground_truth.lag")
+        return int(np.searchsorted(self._pending.stamps, latest, side="right"))
+
+    def _evaluate(self, count: int) -> Evaluations:
+        """Decide the ``count`` oldest pending estimates."""
+        if not count:
+            return NO_EVALUATIONS
+        index = np.arange(len(self._pending)) < count
+        chosen, self._pending = self._pending.where(index), self._pending.where(~index)
+        good = self._judge(chosen.stamps)
+        chosen = chosen.where(good)
+        if not len(chosen):
+            return NO_EVALUATIONS
+        samples = self._ground_truth.stamps
+        last = np.searchsorted(samples, chosen.stamps + self._nanoseconds("ground_truth.lag"))
+        until = samples[np.minimum(last, len(samples) - 1)]
+        posterior = self._ground_truth.posterior(chosen.stamps, until)
+        covariance = posterior.covariances
+        if chosen.covariances is not None:
+            # To first order the two errors add up: the two body frames differ by the error itself.
+            covariance = covariance + chosen.covariances
+        offset = self._nanoseconds("estimate.time_offset")
+        return self._evaluation.add(
+            chosen.stamps, offset, posterior.poses, covariance, chosen.poses, posterior.sampled
+        )
+
+    def _judge(self, stamps: Stamps) -> Mask:
+        """Which estimates can be scored, (n,); count the others."""
+        samples = self._ground_truth.stamps
+        account = self._estimates.account
+        if self._ground_truth.hyperparameters is None or not len(samples):
+            account.reject(Reason.NO_GROUND_TRUTH, len(stamps))
+            return np.zeros(len(stamps), dtype=np.bool_)
+        after = np.searchsorted(samples, stamps)
+        before = np.searchsorted(samples, stamps, side="right") - 1
+        bracketed = (after < len(samples)) & (before >= 0)
+        to_next = samples[np.minimum(after, len(samples) - 1)] - stamps
+        to_last = stamps - samples[np.maximum(before, 0)]
+        far = np.minimum(np.abs(to_next), np.abs(to_last)) > self._nanoseconds(
+            "ground_truth.max_gap"
+        )
+        late = (stamps < samples[0]) & self._forgotten
+        stale = bracketed & (to_next > self._patience)
+        no_ground_truth = ~late & (far | stale)
+        account.reject(Reason.TOO_LATE, int(late.sum()))
+        account.reject(Reason.NO_GROUND_TRUTH, int(no_ground_truth.sum()))
+        outside = ~late & ~no_ground_truth & ~bracketed
+        account.reject(Reason.OUTSIDE_GROUND_TRUTH, int(outside.sum()))
+        return np.asarray(~late & ~no_ground_truth & ~outside)
+
+    @property
+    def _patience(self) -> int:
+        """How long a gap may last (ns) for the estimates before it to wait for its end."""
+        gap, lag = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("ground_truth.lag")
+        return max(self._nanoseconds("window.duration"), gap + lag)
+
+    def _give_up(self, now: int) -> None:
+        """Reject pending estimates whose ground truth should have come by ``now``.
+
+        A sample that serves an estimate is stamped at most ``max_gap`` after it and may come
+        ``max_wait`` late. Where one before the estimate serves it already, only the one that
+        completes it is missing; it may lie behind a gap.
+        """
+        if not len(self._pending):
+            return
+        stamps, samples = self._pending.stamps, self._ground_truth.stamps
+        gap, wait = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("max_wait")
+        gap = max(gap, self._nanoseconds("ground_truth.lag"))
+        served = np.zeros(len(stamps), dtype=np.bool_)
+        if len(samples):
+            near = np.searchsorted(samples, stamps - gap)
+            served = samples[np.minimum(near, len(samples) - 1)] >= stamps - gap
+        given_up = np.where(served, stamps + self._patience, stamps + gap) + wait < now
+        self._estimates.account.reject(Reason.NO_GROUND_TRUTH, int(given_up.sum()))
+        self._pending = self._pending.where(~given_up)
+
+    def _forget(self) -> None:
+        """Drop the ground truth that no estimate to come asks for, or older than a window."""
+        samples = self._ground_truth.stamps
+        if not len(samples) or self._ground_truth.hyperparameters is None:
+            return
+        oldest = int(samples[-1]) - self._patience
+        if self._newest_estimate is not None:
+            waiting = int(self._pending.stamps[0]) if len(self._pending) else self._newest_estimate
+            oldest = max(oldest, min(waiting, int(samples[-1])))
+        self._ground_truth.forget(oldest)
+        self._forgotten = self._forgotten or self._ground_truth.stamps[0] != samples[0]
+
+    def _results(self, evaluations: Evaluations) -> Results:
+        return Results(
+            evaluations,
+            tuple(self._notices()),
+            self._evaluation.absolute_log_likelihood,
+            self._evaluation.alignment,
+        )
+
+    def _notices(self) -> list[Notice]:
+        """What has come up since the last call; each code once a run."""
+        found = []
+        hyperparameters = self._ground_truth.hyperparameters
+        if hyperparameters is not None and self._values["gp.hyperparameters"] == "auto":
+            found.append(Notice("info", "hyperparameters_learned", _described(hyperparameters)))
+        consistency = self._evaluation.consistency
+        if consistency is not None and consistency > _SELF_CHECK:
+            found.append(
+                Notice(
+                    "warning",
+                    "inconsistent_likelihoods",
+                    f"first-order AE and RE differ by {consistency:.1e}, more than round-off",
+                )
+            )
+        fresh = [notice for notice in found if notice.code not in self._announced]
+        self._announced |= {notice.code for notice in fresh}
+        return fresh
+
+    def health(self) -> Health:
+        """Return the state of the inputs and of the computation."""
+        return Health(
+            self._topic(
+                self._estimates, self._evaluation.count, len(self._pending) + self._estimates.held
+            ),
+            self._topic(self._samples, self._used, self._samples.held),
+            self._ground_truth.hyperparameters,
+            self._ground_truth.segments,
+            self._evaluation.consistency,
+        )
+
+    @property
+    def _used(self) -> int:
+        account = self._samples.account
+        return account.received - account.rejected_total - self._samples.held
+
+    @staticmethod
+    def _topic(intake: Intake, used: int, pending: int) -> TopicHealth:
+        account = intake.account
+        return TopicHealth(
+            account.received, used, pending, account.rejected, intake.first, intake.last
+        )
+
+    def summary(self) -> dict[str, object]:
+        """Return the figures of the run so far, as ``summary.json`` has them."""
+        return summarize(self.health(), self._values, self._evaluation)
+
+
+def _extrinsic(values: Mapping[str, Value]) -> Array:
+    """T_gtbody_estbody; (4, 4)."""
+    extrinsic = np.array(values["extrinsic"], dtype=np.float64)
+    return se3.from_position_quaternion(extrinsic[:3], extrinsic[3:])
+
+
+def _model(values: Mapping[str, Value]) -> Model:
+    def number(name: str) -> float:
+        value = values[name]
+        assert isinstance(value, float | int)
+        return float(value)
+
+    def group(name: str) -> GroupHyperparameters:
+        names = ("signal_std", "length_scale", "noise_std")
+        return GroupHyperparameters(*(number(f"gp.{name}.{n}") for n in names))
+
+    fixed = values["gp.hyperparameters"] == "fixed"
+    return Model(
+        kernel=str(values["gp.kernel"]),
+        hyperparameters=Hyperparameters(group("translation"), group("rotation")) if fixed else None,
+        translation_std=number("ground_truth.translation_std"),
+        rotation_std=number("ground_truth.rotation_std"),
+        shape=SegmentShape(
+            round(number("segment.duration") * 1e9),
+            number("segment.overlap"),
+            int(number("segment.min_samples")),
+            int(number("segment.max_samples")),
+        ),
+    )
+
+
+def _described(hyperparameters: Hyperparameters) -> str:
+    groups = (
+        ("translation", hyperparameters.translation, "m"),
+        ("rotation", hyperparameters.rotation, "rad"),
+    )
+    return "learned " + "; ".join(
+        f"{name}: signal {g.signal_std:.4g} {unit}, length scale {g.length_scale:.4g} s, "
+        f"noise {g.noise_std:.4g} {unit}"
+        for name, g, unit in groups
+    )

@@ -1,0 +1,163 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of a run, updated with every evaluated pose, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.metrics.absolute import RunningAbsolute, absolute_residual
+from trajeval_ros.metrics.conventional import RunningConventional
+from trajeval_ros.metrics.first_order import FirstOrderAbsolute
+from trajeval_ros.metrics.gauge import GAUGES, Gauge, Similarity
+from trajeval_ros.metrics.gaussian import GaussianLogLikelihood
+from trajeval_ros.metrics.relative import RunningRelative
+from trajeval_ros.online.parameters import Value
+from trajeval_ros.online.residuals import MeanSquares, ResidualMoments
+from trajeval_ros.online.results import Evaluations
+from trajeval_ros.online.window import EvaluatedPoses, SlidingWindow
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+
+class Evaluation:
+    """Every running figure, and the window; the owner of their state."""
+
+    def __init__(self, values: Mapping[str, Value]) -> None:
+        """Take all parameters' values."""
+        self.gauge: Gauge = next(g for n, g in GAUGES.items() if n == values["gauge"])
+        duration = values["window.duration"]
+        delta = values["relative.delta"]
+        assert isinstance(duration, float)
+        assert isinstance(delta, float)
+        self._window = SlidingWindow(round(duration * 1e9))
+        self._relative = RunningRelative()
+        self._first_order = FirstOrderAbsolute()
+        self._absolute = RunningAbsolute(self.gauge)
+        self._conventional = RunningConventional(
+            self.gauge.name, delta, "m" if values["relative.unit"] == "m" else "s"
+        )
+        self._steps = MeanSquares()
+        self._residuals = ResidualMoments()
+        self.count = 0
+
+    @property
+    def window_duration(self) -> int:
+        """Length of the sliding window, ns."""
+        return self._window.duration
+
+    @window_duration.setter
+    def window_duration(self, duration: int) -> None:
+        self._window.duration = duration
+
+    def add(
+        self,
+        stamps: Stamps,
+        offset: int,
+        ground_truth: Array,
+        covariance: Array,
+        estimate: Array,
+        sampled: Mask,
+    ) -> Evaluations:
+        """Take the next poses and return their evaluations.
+
+        ``stamps`` (M,) ns on the ground truth's clock, ``offset`` (ns) that of the estimate's clock
+        from it; ``sampled`` (M,) where the ground truth was sampled as usual: only there the
+        conventional figures, which know no uncertainty, take it for the truth.
+        """
+        first = self.count == 0
+        before = self._relative.total.log_likelihood
+        steps = self._relative.update(ground_truth, covariance, estimate)
+        self._first_order.update(ground_truth, covariance, estimate)
+        self._absolute.update(ground_truth, covariance, estimate)
+        self._conventional.update(stamps[sampled], ground_truth[sampled], estimate[sampled])
+        self._window.append(EvaluatedPoses(stamps, ground_truth, covariance, estimate))
+        self._steps.update(steps.error)
+        self._residuals.update(ground_truth, estimate)
+        self.count += len(stamps)
+        log_likelihood = _padded(steps.log_likelihood, first, 0.0)
+        alignment = self._absolute.alignment
+        assert alignment is not None
+        return Evaluations(
+            stamps - offset,
+            ground_truth,
+            covariance,
+            estimate,
+            _padded(steps.error, first, np.nan),
+            absolute_residual(ground_truth, alignment.apply(estimate)),
+            _padded(steps.chi2, first, 0.0),
+            _padded(steps.log_det, first, 0.0),
+            log_likelihood,
+            before + np.cumsum(log_likelihood),
+        )
+
+    @property
+    def relative(self) -> GaussianLogLikelihood:
+        """The generalized relative error of the run."""
+        return self._relative.total
+
+    @property
+    def first_order(self) -> GaussianLogLikelihood:
+        """The paper's first-order absolute error of the run, under the ``se3`` gauge."""
+        return self._first_order.total
+
+    @property
+    def absolute(self) -> GaussianLogLikelihood | None:
+        """The running absolute error of the run; None where the gauge is not determined."""
+        return self._absolute.total
+
+    @property
+    def absolute_log_likelihood(self) -> float | None:
+        """The running absolute log-likelihood, nats; None where there is none (yet)."""
+        total = self._absolute.total
+        return total.log_likelihood if self.count and total is not None else None
+
+    @property
+    def alignment(self) -> Similarity | None:
+        """The running alignment; None before the first pose."""
+        return self._absolute.alignment
+
+    @property
+    def alignment_covariance(self) -> Array | None:
+        """Covariance of the running alignment, (7, 7)."""
+        return self._absolute.covariance
+
+    @property
+    def conventional(self) -> RunningConventional:
+        """The conventional figures of the run."""
+        return self._conventional
+
+    @property
+    def step_mean_squares(self) -> MeanSquares:
+        """Mean squares of the relative errors."""
+        return self._steps
+
+    @property
+    def residuals(self) -> ResidualMoments:
+        """Moments that give the absolute errors' mean squares under any alignment."""
+        return self._residuals
+
+    @property
+    def consistency(self) -> float | None:
+        """``|first-order AE - RE| / |RE|``; None with fewer than two poses."""
+        if self.count < 2:
+            return None
+        relative = self._relative.total.log_likelihood
+        difference = abs(self._first_order.total.log_likelihood - relative)
+        return difference / max(abs(relative), 1.0)
+
+    def window(self) -> EvaluatedPoses:
+        """The poses of the sliding window."""
+        return self._window.poses()
+
+
+def _padded(values: Array, first: bool, filling: float) -> Array:
+    """Put a row of ``filling`` in front where the first pose ends no step."""
+    if not first:
+        return values
+    return np.concatenate([np.full((1, *values.shape[1:]), filling), values])

@@ -1,0 +1,204 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is let in: finite poses with a rotation, in the order of their stamps.
+
+A pose is judged by itself and by the poses of its own topic that came before, so what is let in
+does not depend on how two topics interleave. One wrong stamp must not cost the poses after it: a
+stamp that leaps ahead is held back until the next pose tells whether time really went on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.online.accounting import Account, Reason
+from trajeval_ros.online.samples import PoseSamples
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+# A stamp further than this after the one before is held back until it is confirmed ...
+LEAP = 10_000_000_000
+# ... or, where no further pose comes at all, believed up to this far.
+_LONGEST_LEAP = 3_600_000_000_000
+_LARGEST_COORDINATE = 1e9
+_NORM_TOLERANCE = 1e-2
+_ZERO_NORM = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """Checked poses: ``stamps`` (n,) increasing, ``poses`` (n, 4, 4).
+
+    ``covariances`` (n, 6, 6) of the right perturbation, body frame, or None.
+    """
+
+    stamps: Stamps
+    poses: Array
+    covariances: Array | None
+
+
+class Intake:
+    """The gate of one topic."""
+
+    def __init__(self, use_covariance: bool) -> None:
+        """Covariances are checked and passed on if ``use_covariance``."""
+        self.account = Account()
+        self._use_covariance = use_covariance
+        self._last: int | None = None
+        self._held: PoseSamples | None = None
+        self.first: int | None = None
+
+    @property
+    def held(self) -> int:
+        """Number of poses held back: 0 or 1."""
+        return 0 if self._held is None else 1
+
+    @property
+    def last(self) -> int | None:
+        """Stamp of the newest pose let in."""
+        return self._last
+
+    def accept(self, samples: PoseSamples) -> Accepted:
+        """Return what may pass of the new ``samples``; count the rest."""
+        self.account.received += len(samples)
+        valid = np.ones(len(samples), dtype=np.bool_)
+        for reason, wrong in self._faults(samples):
+            self.account.reject(reason, int((wrong & valid).sum()))
+            valid &= ~wrong
+        chosen = _select(samples, valid)
+        return self._convert(self._in_order(chosen))
+
+    def conclude(self) -> Accepted:
+        """No more poses will come: let in the pose held back, unless its stamp is too far off."""
+        held, self._held = self._held, None
+        if held is None:
+            return self._convert(_NOTHING)
+        leap = 0 if self._last is None else int(held.stamps[0]) - self._last
+        if leap > _LONGEST_LEAP:
+            self.account.reject(Reason.STAMP_JUMP)
+            return self._convert(_NOTHING)
+        self._let_in(int(held.stamps[0]))
+        return self._convert(held)
+
+    def _faults(self, samples: PoseSamples) -> list[tuple[Reason, Mask]]:
+        """Masks (n,) of the poses that are wrong in themselves; the first that applies counts."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            norm = np.linalg.norm(samples.quaternions, axis=-1)
+            values = samples.positions.sum(axis=-1) + samples.quaternions.sum(axis=-1)
+            finite = np.isfinite(values) | (
+                np.isfinite(samples.positions).all(axis=-1)
+                & np.isfinite(samples.quaternions).all(axis=-1)
+            )
+            faults = [
+                (Reason.NON_FINITE, ~finite),
+                (Reason.NEGATIVE_STAMP, samples.stamps < 0),
+                (
+                    Reason.IMPLAUSIBLE_POSITION,
+                    (np.abs(samples.positions) > _LARGEST_COORDINATE).any(axis=-1),
+                ),
+                (Reason.ZERO_QUATERNION, norm < _ZERO_NORM),
+                (Reason.UNNORMALIZED_QUATERNION, ~(np.abs(norm - 1.0) <= _NORM_TOLERANCE)),
+            ]
+        if self._use_covariance and samples.covariances is not None:
+            faults.append((Reason.INVALID_COVARIANCE, _invalid(samples.covariances)))
+        return faults
+
+    def _in_order(self, samples: PoseSamples) -> PoseSamples:
+        """Keep increasing stamps; hold back a leap."""
+        stamps = samples.stamps
+        if len(stamps) == 0:
+            return samples
+        if self._held is None and self._last is not None:
+            before = np.concatenate([[self._last], stamps[:-1]])
+            if ((stamps > before) & (stamps - before <= LEAP)).all():
+                self._let_in(int(stamps[-1]))
+                return samples
+        return self._in_order_one_by_one(samples)
+
+    def _in_order_one_by_one(self, samples: PoseSamples) -> PoseSamples:
+        """The same where something is wrong with the order; those before a pose judge it."""
+        held, samples = self._held, _joined(self._held, samples)
+        keep: list[int] = []
+        waiting = None if held is None else 0
+        for i in range(0 if held is None else 1, len(samples)):
+            stamp = int(samples.stamps[i])
+            if waiting is not None and stamp == samples.stamps[waiting]:
+                self.account.reject(Reason.DUPLICATE_STAMP)
+                continue
+            if self._last is not None and stamp <= self._last:
+                same = stamp == self._last
+                self.account.reject(Reason.DUPLICATE_STAMP if same else Reason.OUT_OF_ORDER)
+                continue
+            if waiting is not None:
+                before = int(samples.stamps[waiting])
+                if stamp < before:
+                    self.account.reject(Reason.STAMP_JUMP)
+                elif before == 0 and stamp - before > LEAP:
+                    self.account.reject(Reason.ZERO_STAMP)
+                else:
+                    keep.append(waiting)
+                    self._let_in(before)
+                waiting = None
+            if self._last is None or stamp - self._last > LEAP:
+                waiting = i
+            else:
+                keep.append(i)
+                self._let_in(stamp)
+        self._held = None if waiting is None else samples[waiting : waiting + 1]
+        mask = np.zeros(len(samples), dtype=np.bool_)
+        mask[keep] = True
+        return _select(samples, mask)
+
+    def _let_in(self, stamp: int) -> None:
+        if self.first is None:
+            self.first = stamp
+        self._last = stamp
+
+    def _convert(self, samples: PoseSamples) -> Accepted:
+        poses = se3.from_position_quaternion(samples.positions, samples.quaternions)
+        covariances = None
+        if self._use_covariance and samples.covariances is not None:
+            covariances = se3.covariance_from_fixed_axes(samples.covariances, poses)
+        return Accepted(samples.stamps, poses, covariances)
+
+
+_NOTHING = PoseSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
+
+
+def _invalid(covariances: Array) -> Mask:
+    """Not finite, not symmetric, or with an eigenvalue below round-off."""
+    finite = np.isfinite(covariances).all(axis=(-1, -2))
+    safe = np.where(finite[:, None, None], covariances, 0.0)
+    size = np.abs(safe).max(axis=(-1, -2), initial=0.0)
+    skew = np.abs(safe - np.swapaxes(safe, -1, -2)).max(axis=(-1, -2), initial=0.0)
+    smallest = np.linalg.eigvalsh(safe)[:, 0] if len(safe) else np.zeros(0)
+    return np.asarray(~finite | (skew > 1e-6 * size) | (smallest < -1e-9 * size))
+
+
+def _select(samples: PoseSamples, mask: Mask) -> PoseSamples:
+    if mask.all():
+        return samples
+    covariances = None if samples.covariances is None else samples.covariances[mask]
+    return PoseSamples(
+        samples.stamps[mask], samples.positions[mask], samples.quaternions[mask], covariances
+    )
+
+
+def _joined(first: PoseSamples | None, second: PoseSamples) -> PoseSamples:
+    if first is None:
+        return second
+    covariances = None
+    if first.covariances is not None and second.covariances is not None:
+        covariances = np.concatenate([first.covariances, second.covariances])
+    return PoseSamples(
+        np.concatenate([first.stamps, second.stamps]),
+        np.concatenate([first.positions, second.positions]),
+        np.concatenate([first.quaternions, second.quaternions]),
+        covariances,
+    )

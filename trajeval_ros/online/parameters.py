@@ -1,0 +1,256 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters: one table of names, defaults, ranges and texts.
+
+The node declares them from here, ``evaluate`` reads them from here, and a test holds
+``config/evaluator.yaml`` and ``docs/parameters.md`` to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+Value = str | bool | int | float | tuple[float, ...]
+
+
+class ParameterError(ValueError):
+    """A parameter that is unknown, of the wrong type or out of range; the message is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter.
+
+    ``lower`` and ``upper`` are inclusive; ``above`` is an exclusive lower bound. ``dynamic``
+    parameters may be changed while the node runs, the others are read-only.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ""
+    lower: float | None = None
+    above: float | None = None
+    upper: float | None = None
+    choices: tuple[str, ...] = ()
+    dynamic: bool = False
+
+    def validate(self, value: object) -> Value:
+        """Return ``value`` in the parameter's type; raises :class:`ParameterError`."""
+        converted = self._convert(value)
+        if self.choices and converted not in self.choices:
+            raise ParameterError(
+                f"{self.name} must be one of {', '.join(self.choices)}, got {converted!r}"
+            )
+        if isinstance(converted, float | int) and not isinstance(converted, bool):
+            self._check_range(float(converted))
+        if isinstance(converted, tuple):
+            self._check_pose(converted)
+        return converted
+
+    def _convert(self, value: object) -> Value:
+        number = isinstance(value, float | int) and not isinstance(value, bool)
+        match self.default:
+            case bool() if isinstance(value, bool):
+                return value
+            case str() if isinstance(value, str):
+                return value
+            case float() if number:
+                return float(value)  # type: ignore[arg-type]
+            case int() if isinstance(value, int) and not isinstance(value, bool):
+                return value
+            case tuple() if not isinstance(value, str) and hasattr(value, "__iter__"):
+                entries = list(value)
+                if all(isinstance(v, float | int) and not isinstance(v, bool) for v in entries):
+                    return tuple(float(v) for v in entries)
+        kinds = {bool: "a bool", str: "a string", float: "a number", int: "an integer"}
+        kind = kinds.get(type(self.default), "a list of numbers")
+        raise ParameterError(f"{self.name} must be {kind}, got {value!r}")
+
+    def _check_range(self, value: float) -> None:
+        if not math.isfinite(value):
+            raise ParameterError(f"{self.name} must be finite, got {value!r}")
+        if self.lower is not None and value < self.lower:
+            raise ParameterError(f"{self.name} must be at least {self.lower!r}, got {value!r}")
+        if self.above is not None and value <= self.above:
+            raise ParameterError(f"{self.name} must be above {self.above!r}, got {value!r}")
+        if self.upper is not None and value > self.upper:
+            raise ParameterError(f"{self.name} must be at most {self.upper!r}, got {value!r}")
+
+    def _check_pose(self, value: tuple[float, ...]) -> None:
+        if len(value) != 7 or not all(map(math.isfinite, value)):
+            raise ParameterError(
+                f"{self.name} must be seven finite numbers x y z qx qy qz qw, got {list(value)!r}"
+            )
+        norm = math.hypot(*value[3:])
+        if abs(norm - 1.0) > 1e-2:
+            raise ParameterError(f"{self.name} has a quaternion of norm {norm:.6g}, expected 1")
+
+
+MESSAGE_TYPES = ("PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped")
+
+
+def _topic(name: str, title: str) -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            f"{name}.type",
+            "auto",
+            f"Message type of the {title}; auto takes the type of its publishers",
+            choices=("auto", *MESSAGE_TYPES),
+        ),
+        Parameter(
+            f"{name}.reliability",
+            "auto",
+            f"Reliability of the {title}'s subscription; auto follows its publishers",
+            choices=("auto", "reliable", "best_effort"),
+        ),
+        Parameter(
+            f"{name}.use_covariance",
+            False,
+            f"Take the covariance of each {title} message into account",
+        ),
+    )
+
+
+def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            f"gp.{name}.signal_std", 0.5, f"Signal standard deviation of {title}", unit, above=0.0
+        ),
+        Parameter(f"gp.{name}.length_scale", 1.0, f"Length scale of {title}", "s", above=0.0),
+        Parameter(
+            f"gp.{name}.noise_std", noise, f"Noise standard deviation of {title}", unit, above=0.0
+        ),
+    )
+
+
+_TABLE = (
+    *_topic("estimate", "estimate"),
+    *_topic("ground_truth", "ground truth"),
+    Parameter(
+        "ground_truth.translation_std",
+        0.0005,
+        "Accuracy of the ground truth's position: the floor of its learned noise",
+        "m",
+        above=0.0,
+    ),
+    Parameter(
+        "ground_truth.rotation_std",
+        0.00087,
+        "Accuracy of the ground truth's orientation: the floor of its learned noise",
+        "rad",
+        above=0.0,
+    ),
+    Parameter("estimate.time_offset", 0.0, "Added to the stamps of the estimate", "s"),
+    Parameter(
+        "extrinsic",
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+        "The estimate's body frame in the ground truth's body frame, x y z qx qy qz qw",
+        "m",
+    ),
+    Parameter(
+        "ground_truth.lag",
+        0.3,
+        "An estimate is scored with the ground truth up to the first sample this long after it",
+        "s",
+        lower=0.0,
+        upper=60.0,
+    ),
+    Parameter(
+        "ground_truth.max_gap",
+        1.0,
+        "An estimate further than this from any ground-truth sample is not scored",
+        "s",
+        above=0.0,
+        upper=3600.0,
+    ),
+    Parameter(
+        "gp.kernel",
+        "matern52",
+        "Covariance function of the ground truth's motion",
+        choices=("matern52", "matern32", "squared_exponential"),
+    ),
+    Parameter(
+        "gp.hyperparameters",
+        "auto",
+        "auto learns the hyperparameters from the ground truth, fixed takes the six below",
+        choices=("auto", "fixed"),
+    ),
+    *_group("translation", "the translation", "m", 0.001),
+    *_group("rotation", "the rotation", "rad", 0.002),
+    Parameter(
+        "segment.duration", 2.0, "Shortest duration of a segment", "s", above=0.0, upper=3600.0
+    ),
+    Parameter(
+        "segment.overlap", 0.5, "Share of a segment that overlaps the next", lower=0.1, upper=0.5
+    ),
+    Parameter(
+        "segment.min_samples", 8, "Fewest samples in a complete segment", lower=4, upper=1024
+    ),
+    Parameter("segment.max_samples", 256, "Most samples in a segment", lower=16, upper=1024),
+    Parameter(
+        "window.duration",
+        30.0,
+        "Length of the sliding window",
+        "s",
+        lower=1.0,
+        upper=3600.0,
+        dynamic=True,
+    ),
+    Parameter(
+        "likelihood.covariance",
+        "independent",
+        "Covariance between the ground truth at different estimates: none, or the posterior's",
+        choices=("independent", "joint"),
+    ),
+    Parameter(
+        "gauge",
+        "se3",
+        "What of the estimate's frame is unobservable and aligned",
+        choices=("se3", "none", "yaw_translation", "sim3"),
+    ),
+    Parameter(
+        "relative.delta", 1.0, "Step of the conventional relative error", "s or m", above=0.0
+    ),
+    Parameter("relative.unit", "s", "Unit of relative.delta", choices=("s", "m")),
+    Parameter(
+        "max_wait",
+        1.0,
+        "How long after an estimate its ground truth may still come, on the ROS clock",
+        "s",
+        lower=0.0,
+        upper=3600.0,
+        dynamic=True,
+    ),
+    Parameter(
+        "output.directory",
+        "",
+        "Where the output folder is written at shutdown and by ~/save; nowhere when empty",
+        dynamic=True,
+    ),
+)
+
+PARAMETERS: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in _TABLE})
+
+
+def complete(values: Mapping[str, object]) -> dict[str, Value]:
+    """Return every parameter's value: ``values``, validated, over the defaults.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown name, a wrong type, a value out of range, or values that exclude each other.
+    """
+    unknown = sorted(set(values) - set(PARAMETERS))
+    if unknown:
+        raise ParameterError(f"unknown parameter {unknown[0]}")
+    merged = {
+        name: parameter.validate(values[name]) if name in values else parameter.default
+        for name, parameter in PARAMETERS.items()
+    }
+    if merged["segment.min_samples"] > merged["segment.max_samples"]:  # type: ignore[operator]
+        raise ParameterError("segment.min_samples must not exceed segment.max_samples")
+    return merged

@@ -1,0 +1,77 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Root mean squares of errors, from sums."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.metrics.gauge import Similarity
+from trajeval_ros.metrics.rotation_moments import RotationMoments
+from trajeval_ros.metrics.umeyama import Moments
+
+Array = npt.NDArray[np.float64]
+
+_BATCH = 256
+
+
+class MeanSquares:
+    """Root mean squares of errors (M, 6)."""
+
+    def __init__(self) -> None:
+        """Start without errors."""
+        self._count = 0
+        self._sums = np.zeros(2)
+
+    def update(self, errors: Array) -> None:
+        """Add errors (M, 6)."""
+        self._count += len(errors)
+        self._sums += (errors**2).reshape(len(errors), 2, 3).sum(axis=(0, 2))
+
+    def roots(self) -> tuple[float | None, float | None]:
+        """Return the translation's (m) and the rotation's (rad)."""
+        if not self._count:
+            return None, None
+        translation, rotation = np.sqrt(self._sums / self._count)
+        return float(translation), float(rotation)
+
+
+class ResidualMoments:
+    """Root mean squares of ``T_gt⁻¹ g T_est`` under any alignment g, in constant memory."""
+
+    def __init__(self) -> None:
+        """Start without poses."""
+        self._positions = Moments.empty()
+        self._rotations = RotationMoments()
+        self._waiting: list[tuple[Array, Array]] = []
+        self._waiting_poses = 0
+
+    def update(self, ground_truth: Array, estimate: Array) -> None:
+        """Add poses (M, 4, 4); they wait for others, as a batch costs hardly more than a pose."""
+        self._waiting.append((ground_truth, estimate))
+        self._waiting_poses += len(ground_truth)
+        if self._waiting_poses >= _BATCH:
+            self._take_in()
+
+    def _take_in(self) -> None:
+        if self._waiting:
+            ground_truth, estimate = (np.concatenate(p) for p in zip(*self._waiting, strict=True))
+            self._waiting, self._waiting_poses = [], 0
+            self._positions = self._positions.updated(estimate[:, :3, 3], ground_truth[:, :3, 3])
+            self._rotations.update(
+                estimate[:, :3, :3] @ np.swapaxes(ground_truth[:, :3, :3], -1, -2)
+            )
+
+    def roots(self, alignment: Similarity) -> tuple[float, float]:
+        """Return the RMS distance (m) and angle (rad) under ``alignment``."""
+        self._take_in()
+        moments, rotation = self._positions, alignment.pose[:3, :3]
+        scaled = alignment.scale * rotation
+        # Of y - (s R x + t): the mean, and the factor of the spread about it.
+        mean = moments.mean_target - scaled @ moments.mean_source - alignment.pose[:3, 3]
+        spread = moments.factor[:, 3:] - moments.factor[:, :3] @ scaled.T
+        square = float(mean @ mean) + float(np.vdot(spread, spread)) / moments.count
+        return math.sqrt(square), math.sqrt(self._rotations.mean_square_angle(rotation))

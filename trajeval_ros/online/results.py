@@ -1,0 +1,111 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the engine hands out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
+from trajeval_ros.metrics.gauge import Similarity
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+Level = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluations:
+    """Poses evaluated by one call, in the order of their stamps.
+
+    ``stamps`` (M,) ns, the estimate's own; ``ground_truth`` (M, 4, 4) T_world_body with
+    ``covariance`` (M, 6, 6) of its right perturbation, body frame; ``estimate`` (M, 4, 4) in its
+    own world, of the ground truth's body (the extrinsic is applied); ``relative_error`` (M, 6) of
+    the step that ends at each pose, m and rad, body frame, a row of NaN for the first pose of a
+    run, which ends none; ``absolute_error`` (M, 6) under ``Results.alignment``; ``chi2``,
+    ``log_det`` and ``log_likelihood`` (M,) of that step given the past, 0 for the first pose;
+    ``relative_log_likelihood`` (M,) summed up to each pose, nats.
+    """
+
+    stamps: Stamps
+    ground_truth: Array
+    covariance: Array
+    estimate: Array
+    relative_error: Array
+    absolute_error: Array
+    chi2: Array
+    log_det: Array
+    log_likelihood: Array
+    relative_log_likelihood: Array
+
+    def __len__(self) -> int:
+        """Number of poses."""
+        return len(self.stamps)
+
+
+NO_EVALUATIONS = Evaluations(
+    np.empty(0, dtype=np.int64),
+    np.empty((0, 4, 4)),
+    np.empty((0, 6, 6)),
+    np.empty((0, 4, 4)),
+    np.empty((0, 6)),
+    np.empty((0, 6)),
+    np.empty(0),
+    np.empty(0),
+    np.empty(0),
+    np.empty(0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something the user should know: ``code`` in snake_case, ``text`` in one line."""
+
+    level: Level
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """What one call brought about.
+
+    ``absolute_log_likelihood`` (nats) and ``alignment`` (the estimate's world in the ground
+    truth's) are those of all poses so far, None before the first.
+    """
+
+    evaluations: Evaluations
+    notices: tuple[Notice, ...]
+    absolute_log_likelihood: float | None
+    alignment: Similarity | None
+
+
+@dataclass(frozen=True, slots=True)
+class TopicHealth:
+    """One topic's account; stamps in ns, of the first and the newest pose let in."""
+
+    received: int
+    used: int
+    pending: int
+    rejected: dict[str, int]
+    first_stamp: int | None
+    latest_stamp: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The engine's state, for diagnostics.
+
+    ``consistency``: ``|first-order AE - RE| / |RE|``, which is round-off when all is well; None
+    before it is known.
+    """
+
+    estimate: TopicHealth
+    ground_truth: TopicHealth
+    hyperparameters: Hyperparameters | None
+    segments: int
+    consistency: float | None
