@@ -116,7 +116,7 @@ def test_is_the_integral(gauge, std):
         information = numerical_information(ground_truth, covariance, estimate, found, gauge)
         lower = np.linalg.cholesky(np.linalg.inv(information))
         # Student's t with 8 degrees of freedom: heavier tails than the integrand's.
-        normal = rng.normal(size=(4000, d)) / np.sqrt(rng.chisquare(8, size=(4000, 1)) / 8)
+        normal = rng.normal(size=(1500, d)) / np.sqrt(rng.chisquare(8, size=(1500, 1)) / 8)
         samples = normal @ lower.T
         log_weight = student_log_density(normal, 8) - np.log(np.diagonal(lower)).sum()
     log_terms = (

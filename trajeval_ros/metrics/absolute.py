@@ -90,9 +90,11 @@ class Absolute:
 
 
 _MAX_ITERATIONS = 100
-# A converged step may gain this much chi2, or this share of it: the sum's round-off.
+# Another step is not worth it if it would lower chi2 by less than this, or by this share.
 _GAIN = 1e-9
-_GAIN_SHARE = 1e-13
+_GAIN_SHARE = 1e-15
+# A step that would lower it by less than this share, and does not, fails for round-off.
+_ROUND_OFF = 1e-11
 _MAX_DAMPING = 1e12
 
 
@@ -184,6 +186,8 @@ def _minimize(problem: _Problem, alignment: Similarity) -> tuple[Similarity, End
             if proposed < chi2:
                 break
             damping = max(10.0 * damping, 1e-3)
+            if gain <= _ROUND_OFF * chi2:
+                return alignment, Ending.CONVERGED, iteration
             if damping > _MAX_DAMPING:
                 return alignment, Ending.STALLED, iteration
         alignment, chi2 = proposal, proposed
