@@ -1,16 +1,175 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page."""
+"""The page: one self-contained HTML file."""
 
 from __future__ import annotations
 
 import html
-import json
+from collections.abc import Iterable
+from pathlib import Path
 
+from trajeval_ros.report import words
 from trajeval_ros.report.run import Run
+from trajeval_ros.report.series import Series, make_series
+
+_STYLE = Path(__file__).with_name("style.css")
+
+_PICTURES_MISSING = (
+    "The pictures are left out: this Python has no matplotlib. Get it with"
+    " <code>python3 -m pip install matplotlib</code> (on ROS machines:"
+    " <code>apt install python3-matplotlib</code>) and write the report again."
+)
+
+_TRAJECTORY_CAPTION = (
+    "Grey: ground truth. Coloured: the estimate, moved into the ground truth's world by the"
+    " alignment of the whole run; bright is far off. Green: where the ground truth itself is known"
+    " to, two standard deviations, where that is large enough to be seen. Shaded in the right-hand"
+    " picture: no ground truth."
+)
+_TIME_CAPTION = (
+    "An error inside the green band cannot be told from the ground truth's own uncertainty; above"
+    " it, it is the estimate's. In a gap of the ground truth the band opens up, and the same error"
+    " says less. The log-likelihoods fall where the estimate is bad; RE and AE lie on one another"
+    " as long as first order holds."
+)
+
+_HOW_TO_READ = (
+    (
+        "Relative error (RE)",
+        "How the motion between neighbouring estimates differs from the true one, weighed by how"
+        " well the true one is known. It needs no alignment.",
+    ),
+    (
+        "Absolute error (AE)",
+        "How the aligned estimate differs from the ground truth at each instant, integrated over"
+        " all alignments. To first order, under the gauge se3, it carries the same information as"
+        " RE; the two figures then agree.",
+    ),
+    (
+        "Log-likelihood",
+        "In nats, of the errors under the ground truth's own uncertainty: higher is better. With"
+        " millimetre ground truth and centimetre errors, -10,000 nats a pose are right. Totals of"
+        " runs of different length do not compare, nor do those under different gauges; the"
+        " figures of the sliding window do compare.",
+    ),
+    (
+        "χ² and log-determinant",
+        "The log-likelihood is minus half of χ² + log-determinant + degrees of freedom times"
+        " log 2π. A gap in the ground truth makes χ² small and the log-determinant large: look at"
+        " both before you call an estimate good.",
+    ),
+    (
+        "χ² per degree of freedom",
+        "1: the estimate is as good as the ground truth. Its square root says how many standard"
+        " deviations of the ground truth the error is worth.",
+    ),
+    (
+        "p-value",
+        "How often a perfect estimate would have a χ² at least this large, by the ground truth's"
+        " uncertainty alone. Near 0: the error is the estimate's own.",
+    ),
+    (
+        "ATE and RE, conventional",
+        "Root mean square error after alignment of positions (Umeyama), and of the motion over a"
+        " fixed step, as other tools print them. They take the ground truth for exact.",
+    ),
+)
 
 
 def page(run: Run) -> str:
     """Return ``report.html``."""
-    text = html.escape(json.dumps(run.summary, indent=2))
-    return f"<!doctype html><meta charset=utf-8><title>trajeval_ros</title><pre>{text}</pre>"
+    series = make_series(run) if len(run.buckets) else None
+    sections = [
+        f"<p class=verdict>{words.verdict(run, series)}</p>",
+        _tiles(words.tiles(run, series)),
+        _notices(run),
+        *_pictures(run, series),
+        _section("Figures", _table(words.figures(run), ("", "", "what it says"))),
+        _section("Every message", _table(words.accounts(run), ("", "", ""))),
+        _section("The ground truth's model", _table(words.model(run), ("", "", ""))),
+        _section("How to read this", _glossary()),
+        _section("Parameters", _parameters(run)),
+    ]
+    title = "Trajectory evaluation"
+    sources = " against ".join(
+        html.escape(run.sources[key]) for key in ("estimate", "ground truth") if key in run.sources
+    )
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{_STYLE.read_text(encoding='utf-8')}</style></head><body>"
+        f"<h1>{title}</h1><p class=sources>{sources}</p>\n"
+        + "\n".join(section for section in sections if section)
+        + f"\n<footer>{words.when(run)} trajeval_ros</footer></body></html>\n"
+    )
+
+
+def _section(title: str, content: str) -> str:
+    return f"<section><h2>{title}</h2>{content}</section>"
+
+
+def _tiles(tiles: Iterable[tuple[str, str, str]]) -> str:
+    cells = "".join(
+        f"<div class=tile><span class=name>{name}</span><b>{value}</b><span>{remark}</span></div>"
+        for name, value, remark in tiles
+    )
+    return f"<div class=tiles>{cells}</div>"
+
+
+def _notices(run: Run) -> str:
+    items = "".join(
+        f'<li class="{html.escape(notice.level)}"><b>{html.escape(notice.level)}</b>:'
+        f" {html.escape(notice.text)}</li>"
+        for notice in run.notices
+    )
+    return f"<ul class=notices>{items}</ul>" if items else ""
+
+
+def _pictures(run: Run, series: Series | None) -> list[str]:
+    if series is None:
+        return []
+    try:
+        from trajeval_ros.report import plots
+    except ImportError:
+        return [f"<p>{_PICTURES_MISSING}</p>"]
+    return [
+        _section("Trajectory", _figure(plots.trajectory(run, series), _TRAJECTORY_CAPTION)),
+        _section("Over time", _figure(plots.over_time(run, series), _TIME_CAPTION)),
+    ]
+
+
+def _figure(svg: str, caption: str) -> str:
+    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
+
+
+def _table(rows: Iterable[tuple[str, str, str]], heads: tuple[str, str, str]) -> str:
+    head = ""
+    if any(heads):
+        cells = "".join(
+            f"<th{' class=n' if column == 1 else ''}>{title}</th>"
+            for column, title in enumerate(heads)
+        )
+        head = f"<thead><tr>{cells}</tr></thead>"
+    body = "".join(
+        f"<tr><td>{name}</td><td class=n>{value}</td><td class=what>{what}</td></tr>"
+        for name, value, what in rows
+    )
+    return f"<div class=scroll><table>{head}<tbody>{body}</tbody></table></div>"
+
+
+def _glossary() -> str:
+    entries = "".join(f"<dt>{term}</dt><dd>{text}</dd>" for term, text in _HOW_TO_READ)
+    return f"<dl>{entries}</dl>"
+
+
+def _parameters(run: Run) -> str:
+    """All of them; those that are not at their default stand out."""
+    rows = "".join(
+        f"<tr{' class=changed' if changed else ''}><td><code>{html.escape(name)}</code></td>"
+        f"<td class=n>{html.escape(value)}</td><td class=what>{html.escape(what)}</td></tr>"
+        for name, value, what, changed in words.parameters(run)
+    )
+    return (
+        "<p class=what>Bold: not at its default.</p>"
+        f"<div class=scroll><table><tbody>{rows}</tbody></table></div>"
+    )

@@ -1,0 +1,367 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report's figures, as SVG to stand in the page. Only this module knows matplotlib."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from scipy.special import chdtri
+
+from trajeval_ros.report.coverage import SECOND, Coverage, Gap
+from trajeval_ros.report.run import Run
+from trajeval_ros.report.series import (
+    Series,
+    coverage_gaps,
+    offset,
+    rate_of,
+    vertical_axis,
+)
+
+Array = npt.NDArray[np.float64]
+
+_INK = "#1d2733"
+_MUTED = "#66727f"
+_GRID = "#e3e7eb"
+_TRUTH = "#c3cad1"
+_ESTIMATE = "#1769aa"
+_ABSOLUTE = "#c2560c"
+_BAND = "#7fbf8e"
+_GAP = "#f3d9d4"
+_COLOURS = 24
+
+# matplotlib types the names of its settings one by one.
+_STYLE: Any = {
+    # Laid out in the font that matplotlib brings; the page shows its own, narrower one.
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 6.0,
+    "axes.labelsize": 9.0,
+    "axes.labelcolor": _MUTED,
+    "axes.edgecolor": "#b8c0c8",
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": _GRID,
+    "grid.linewidth": 0.6,
+    "text.color": _INK,
+    "xtick.color": _MUTED,
+    "ytick.color": _MUTED,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.3,
+    "svg.fonttype": "none",
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+}
+
+
+def trajectory(run: Run, series: Series) -> str:
+    """From above and in height, coloured by the absolute error."""
+    up = vertical_axis(series.ground_truth)
+    across, along = (axis for axis in range(3) if axis != up)
+    names = "xyz"
+    colours = {
+        "cmap": mpl.colormaps["viridis"],
+        "norm": _colour_scale(series.translation_error),
+    }
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(10.2, 4.9), layout="constrained")
+        plan, height = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+        _draw_path(plan, series, across, along, colours)
+        plan.set_aspect("equal", adjustable="datalim")
+        plan.set_title(f"From above: {names[across]}, {names[along]} in metres")
+        _label_ends(plan, series, across, along)
+
+        spread = 2.0 * np.sqrt(series.position_covariance[:, up, up])
+        truth = series.ground_truth[:, up]
+        _shade_gaps(height, series, coverage_gaps(run.ground_truth))
+        for piece in _pieces(series):
+            height.fill_between(
+                series.seconds[piece],
+                (truth - spread)[piece],
+                (truth + spread)[piece],
+                color=_BAND,
+                alpha=0.55,
+                linewidth=0,
+            )
+            height.plot(series.seconds[piece], truth[piece], color=_TRUTH, linewidth=3.0)
+        lines = _coloured(
+            np.stack([series.seconds, series.estimate[:, up]], axis=1), series, colours
+        )
+        height.add_collection(lines)
+        height.autoscale_view()
+        height.set_xlim(0.0, series.end)
+        height.set_title(f"Height: {names[up]} in metres over time")
+        height.set_xlabel("time, s")
+        bar = figure.colorbar(lines, ax=[plan, height], shrink=0.75, pad=0.015, extend="max")
+        bar.outline.set_visible(False)
+        bar.set_label("absolute translation error, m")
+        return _svg(figure, "trajectory")
+
+
+def _draw_path(axes: Any, series: Series, across: int, along: int, colours: Any) -> None:
+    for piece in _pieces(series):
+        axes.plot(
+            series.ground_truth[piece, across],
+            series.ground_truth[piece, along],
+            color=_TRUTH,
+            linewidth=3.0,
+            solid_capstyle="round",
+        )
+    _draw_ellipses(axes, series, across, along)
+    axes.add_collection(_coloured(series.estimate[:, [across, along]], series, colours))
+    axes.autoscale_view()
+
+
+def _draw_ellipses(axes: Any, series: Series, across: int, along: int) -> None:
+    """Two standard deviations of the ground truth, where they are large enough to be seen."""
+    plane = series.position_covariance[:, [across, along]][:, :, [across, along]]
+    values, vectors = np.linalg.eigh(plane)
+    extent = float(np.ptp(series.ground_truth[:, [across, along]], axis=0).max())
+    large = np.flatnonzero(4.0 * np.sqrt(values[:, 1]) > 0.004 * extent)
+    shown = large[:: max(1, len(large) // 300)]
+    axes.add_collection(
+        EllipseCollection(
+            4.0 * np.sqrt(values[shown, 1]),
+            4.0 * np.sqrt(values[shown, 0]),
+            np.degrees(np.arctan2(vectors[shown, 1, 1], vectors[shown, 0, 1])),
+            units="xy",
+            offsets=series.ground_truth[shown][:, [across, along]],
+            offset_transform=axes.transData,
+            facecolor=_BAND,
+            edgecolor="#3f8f55",
+            linewidth=0.4,
+            alpha=0.25,
+        )
+    )
+
+
+def _label_ends(axes: Any, series: Series, across: int, along: int) -> None:
+    worst = int(np.argmax(series.translation_error))
+    marks = (
+        (0, "start", "o", (7, 5)),
+        (-1, "end", "s", (7, -12)),
+        (worst, f"worst: {series.translation_error[worst]:.3g} m", "v", (7, 5)),
+    )
+    for index, text, marker, beside in marks:
+        place = series.estimate[index, [across, along]]
+        axes.plot(*place, marker, color=_INK, markersize=5, markerfacecolor="white")
+        axes.annotate(
+            text,
+            place,
+            xytext=beside,
+            textcoords="offset points",
+            fontsize=8.5,
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.8, "linewidth": 0},
+        )
+
+
+def over_time(run: Run, series: Series) -> str:
+    """Errors, log-likelihoods, χ² and coverage on one time axis."""
+    gaps = coverage_gaps(run.ground_truth)
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(10.2, 12.4), layout="constrained")
+        panels = figure.subplots(6, 1, sharex=True, height_ratios=(1.25, 1.25, 1.0, 1.0, 1.0, 0.9))
+        errors = (
+            (series.translation_error, series.translation_band, "Translation error, m"),
+            (
+                np.degrees(series.rotation_error),
+                np.degrees(series.rotation_band),
+                "Rotation error, degrees",
+            ),
+        )
+        for axes, (error, band, title) in zip(panels[:2], errors, strict=True):
+            _draw_error(axes, series, error, band)
+            axes.set_title(f"{title} (absolute, whole run aligned; logarithmic)")
+        _draw_likelihoods(panels[2], panels[3], run, series)
+        _draw_chi2(panels[4], run, series)
+        _draw_coverage(panels[5], run, series)
+        for axes in panels:
+            _shade_gaps(axes, series, gaps)
+            axes.set_xlim(0.0, max(series.end, 1e-3))
+            axes.tick_params(labelbottom=axes is panels[-1])
+        panels[-1].set_xlabel("time, s; shaded: no ground truth")
+        figure.align_ylabels(panels)
+        return _svg(figure, "time")
+
+
+def _draw_error(axes: Any, series: Series, error: Array, band: Array) -> None:
+    low = 0.5 * min(float(error[error > 0].min(initial=np.inf)), float(band.min()))
+    low = max(low, 0.02 * float(np.median(band)))
+    for count, piece in enumerate(_pieces(series)):
+        axes.fill_between(
+            series.seconds[piece],
+            low,
+            band[piece],
+            color=_BAND,
+            alpha=0.6,
+            linewidth=0,
+            label="ground truth known to, two standard deviations" if count == 0 else None,
+        )
+        axes.plot(
+            series.seconds[piece],
+            error[piece],
+            color=_ESTIMATE,
+            label="error of the estimate" if count == 0 else None,
+        )
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=low)
+    axes.yaxis.set_major_locator(LogLocator(numticks=7))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _legend(axes)
+
+
+def _draw_likelihoods(running: Any, windowed: Any, run: Run, series: Series) -> None:
+    duration = run.parameters["window.duration"]
+    for axes, relative, absolute, title in (
+        (
+            running,
+            series.relative_log_likelihood,
+            series.absolute_log_likelihood,
+            "Log-likelihood since the start, nats",
+        ),
+        (
+            windowed,
+            series.window_relative,
+            series.window_absolute,
+            f"Log-likelihood gained in the last {duration:g} s, nats",
+        ),
+    ):
+        # The relative one lies under the absolute one where they are the same, as they often are.
+        axes.plot(series.ends, relative, color=_ESTIMATE, linewidth=2.6, label="relative (RE)")
+        axes.plot(series.ends, absolute, color=_ABSOLUTE, linewidth=1.1, label="absolute (AE)")
+        axes.set_title(title)
+        axes.yaxis.set_major_formatter(FuncFormatter(_compact))
+        _legend(axes)
+
+
+def _draw_chi2(axes: Any, run: Run, series: Series) -> None:
+    known = series.window_dof > 6.0
+    seconds, dof = series.ends[known], series.window_dof[known]
+    low, high = (chdtri(dof, tail) / dof for tail in (0.995, 0.005))
+    axes.fill_between(
+        seconds,
+        low,
+        high,
+        color=_BAND,
+        alpha=0.8,
+        linewidth=0,
+        label="as good as the ground truth (99 % of such windows)",
+    )
+    axes.axhline(1.0, color="#3f8f55", linewidth=0.7)
+    axes.plot(seconds, series.window_chi2[known] / dof, color=_ESTIMATE, label="relative (RE)")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(_compact))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    duration = run.parameters["window.duration"]
+    axes.set_title(f"χ² per degree of freedom in the last {duration:g} s (logarithmic)")
+    _legend(axes)
+
+
+def _draw_coverage(axes: Any, run: Run, series: Series) -> None:
+    topics: Sequence[tuple[Coverage, int, str, str]] = (
+        (run.ground_truth, 0, "#4f5b67", "ground truth"),
+        (run.estimate, offset(run), _ESTIMATE, "estimate"),
+    )
+    for coverage, shift, colour, label in topics:
+        edges, rate = rate_of(coverage, series.start, series.end, shift)
+        axes.stairs(rate, edges, color=colour, fill=True, alpha=0.18)
+        axes.stairs(rate, edges, color=colour, linewidth=1.2, label=label)
+    axes.set_ylim(bottom=0.0)
+    axes.set_title("Coverage: messages a second")
+    _legend(axes)
+
+
+def _legend(axes: Any) -> None:
+    """Beside the title, where no curve runs."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2)
+
+
+def _shade_gaps(axes: Any, series: Series, gaps: Sequence[Gap]) -> None:
+    for gap in gaps:
+        axes.axvspan(
+            (gap.start - series.start) / SECOND,
+            (gap.end - series.start) / SECOND,
+            color=_GAP,
+            linewidth=0,
+            zorder=0,
+        )
+
+
+def _pieces(series: Series) -> list[slice]:
+    """The stretches between which nothing was scored."""
+    edges = [0, *series.breaks.tolist(), len(series.seconds)]
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+
+def _colour_scale(error: Array) -> Any:
+    return mpl.colors.Normalize(0.0, max(float(np.quantile(error, 0.98)), 1e-9))
+
+
+def _coloured(points: Array, series: Series, colours: Any) -> LineCollection:
+    """A line through ``points`` (B, 2) in the colour of its error, in steps of colour.
+
+    A stretch of one colour is one path: a tenth of the size of a path a step.
+    """
+    norm = colours["norm"]
+    error = np.maximum(series.translation_error[:-1], series.translation_error[1:])
+    level = np.minimum((error / norm.vmax * _COLOURS).astype(int), _COLOURS)
+    level[series.breaks - 1] = -1
+    starts = np.flatnonzero(np.diff(level, prepend=-2))
+    ends = np.append(starts[1:], len(level))
+    stretches = [(a, b) for a, b in zip(starts, ends, strict=True) if level[a] >= 0]
+    lines = LineCollection(
+        [points[a : b + 1] for a, b in stretches],
+        linewidths=1.6,
+        capstyle="round",
+        joinstyle="round",
+        **colours,
+    )
+    shown = np.array([level[a] for a, _ in stretches])
+    lines.set_array((shown + 0.5) / _COLOURS * norm.vmax)
+    return lines
+
+
+def _compact(value: float, _: object) -> str:
+    """-12,300,000 as -12.3M."""
+    for size, suffix in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if abs(value) >= size:
+            return f"{value / size:g}{suffix}"
+    return f"{value:g}"
+
+
+def _svg(figure: Figure, name: str) -> str:
+    """Return the figure as an SVG element whose ids are its own."""
+    with mpl.rc_context({"svg.hashsalt": name}):
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    # Several figures stand in one page: ids, and what refers to them, get the figure's name.
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    # The size is the page's affair; viewBox keeps the proportions.
+    return re.sub(
+        r'<svg ([^>]*?)width="[^"]*" ?',
+        r"<svg \1",
+        re.sub(r' height="[\d.]+pt"', "", text, count=1),
+        count=1,
+    )

@@ -1,0 +1,162 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the figures draw, computed from a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.metrics.gauge import Similarity
+from trajeval_ros.report.coverage import SECOND, Coverage, Gap
+from trajeval_ros.report.run import Run
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Arrays over B buckets in time order.
+
+    Seconds count from ``start`` on the ground truth's clock.
+    ``seconds`` (B,) of each bucket's worst pose with ``ground_truth`` (B, 3) and ``estimate``
+    (B, 3), aligned, positions in the ground truth's world, ``translation_error``,
+    ``rotation_error`` (B,) in m and rad under the alignment of the whole run,
+    ``translation_band``, ``rotation_band`` (B,) two standard deviations of the ground truth along
+    its least certain axis, ``position_covariance`` (B, 3, 3) in the world's axes.
+
+    ``ends`` (B,) seconds of each bucket's last pose with the running totals there, nats;
+    ``window_*`` over the window that ends there, in which χ² has ``window_dof`` degrees of
+    freedom.
+    """
+
+    start: int
+    end: float
+    seconds: Array
+    ground_truth: Array
+    estimate: Array
+    translation_error: Array
+    rotation_error: Array
+    translation_band: Array
+    rotation_band: Array
+    position_covariance: Array
+    ends: Array
+    relative_log_likelihood: Array
+    absolute_log_likelihood: Array
+    window_relative: Array
+    window_absolute: Array
+    window_chi2: Array
+    window_dof: Array
+
+    @property
+    def breaks(self) -> npt.NDArray[np.intp]:
+        """Indices before which a line is to be broken: nothing was scored for long."""
+        steps = np.diff(self.seconds)
+        if len(steps) == 0:
+            return np.empty(0, np.intp)
+        long = max(10.0 * float(np.median(steps)), 0.5)
+        return np.flatnonzero(steps > long) + 1
+
+
+def offset(run: Run) -> int:
+    """Nanoseconds from the estimate's clock to the ground truth's."""
+    return round(float(run.parameters["estimate.time_offset"]) * SECOND)
+
+
+def span(run: Run) -> tuple[int, int]:
+    """First and last moment of the run on the ground truth's clock, nanoseconds."""
+    moments = [
+        *(m for m in (run.ground_truth.earliest, run.ground_truth.latest) if m is not None),
+        *(m + offset(run) for m in (run.estimate.earliest, run.estimate.latest) if m is not None),
+    ]
+    if len(run.buckets):
+        moments += [int(run.buckets["stamp"].min()) + offset(run)]
+        moments += [int(run.buckets["last_stamp"].max()) + offset(run)]
+    return (min(moments), max(moments)) if moments else (0, 0)
+
+
+def make_series(run: Run) -> Series:
+    """Compute the series of a run with at least one evaluated pose."""
+    buckets = run.buckets
+    start, end = span(run)
+    alignment = run.summary["absolute"]["alignment"]
+    pose = np.array(alignment["pose"])
+    similarity = Similarity(se3.from_position_quaternion(pose[:3], pose[3:]), alignment["scale"])
+    estimate = similarity.apply(buckets["estimate"])
+    error = se3.log(se3.compose(se3.inverse(buckets["ground_truth"]), estimate))
+    covariance = buckets["covariance"]
+    rotation = buckets["ground_truth"][:, :3, :3]
+    clock = offset(run)
+    ends = (buckets["last_stamp"] + clock - start) / SECOND
+    window = float(run.parameters["window.duration"])
+    before = np.searchsorted(buckets["last_stamp"], buckets["last_stamp"] - round(window * SECOND))
+
+    def within(name: str) -> Array:
+        # NaN, the total before anything was known, counts as nothing.
+        total = np.concatenate([[0.0], np.nan_to_num(buckets[name].astype(np.float64))])
+        return np.asarray(total[1:] - total[before])
+
+    return Series(
+        start=start,
+        end=(end - start) / SECOND,
+        seconds=(buckets["stamp"] + clock - start) / SECOND,
+        ground_truth=buckets["ground_truth"][:, :3, 3],
+        estimate=estimate[:, :3, 3],
+        translation_error=np.linalg.norm(error[:, :3], axis=-1),
+        rotation_error=np.linalg.norm(error[:, 3:], axis=-1),
+        translation_band=2.0 * _widest(covariance[:, :3, :3]),
+        rotation_band=2.0 * _widest(covariance[:, 3:, 3:]),
+        position_covariance=rotation @ covariance[:, :3, :3] @ rotation.swapaxes(-1, -2),
+        ends=ends,
+        relative_log_likelihood=buckets["relative_log_likelihood"],
+        absolute_log_likelihood=buckets["absolute_log_likelihood"],
+        window_relative=within("relative_log_likelihood"),
+        window_absolute=within("absolute_log_likelihood"),
+        window_chi2=within("relative_chi2"),
+        window_dof=6.0 * within("count"),
+    )
+
+
+def _widest(covariance: Array) -> Array:
+    """Standard deviation along the least certain axis, (...,), of covariances (..., 3, 3)."""
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(covariance)[..., -1]))
+
+
+def vertical_axis(positions: Array) -> int:
+    """Return the axis to take for the height: z, unless the run extends far less along another.
+
+    Camera frames have y down.
+    """
+    if len(positions) == 0:
+        return 2
+    extent = np.ptp(positions, axis=0)
+    least = int(np.argmin(extent))
+    return least if extent[least] < 0.25 * extent[2] else 2
+
+
+def coverage_gaps(coverage: Coverage) -> list[Gap]:
+    """Return the stretches in which a topic was silent for far longer than between two messages."""
+    if coverage.earliest is None or coverage.latest is None or coverage.total < 3:
+        return []
+    interval = (coverage.latest - coverage.earliest) / SECOND / (coverage.total - 1)
+    return coverage.gaps(longer_than=max(8.0 * interval, 0.25))
+
+
+def rate_of(coverage: Coverage, start: int, end: float, shift: int) -> tuple[Array, Array]:
+    """Return edges in seconds from ``start`` and the rate in hertz in bins fit to be drawn."""
+    edges, rate = coverage.rate()
+    if len(rate) == 0:
+        return np.zeros(1), np.zeros(0)
+    seconds = (edges + shift - start) / SECOND
+    width = float(seconds[1] - seconds[0])
+    merged = max(1, round(max(end / 200.0, 1.0) / width))
+    padding = -len(rate) % merged
+    padded = np.concatenate([rate, np.zeros(padding)]).reshape(-1, merged)
+    # The last bin may stick out of the data; its mean is over the part that does not.
+    counted = np.full(len(padded), float(merged))
+    counted[-1] -= padding
+    return seconds[0] + np.arange(len(padded) + 1) * width * merged, padded.sum(axis=1) / counted

@@ -1,0 +1,342 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the report says: sentences and tables, from the figures."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtrc
+
+from trajeval_ros.online.parameters import PARAMETERS
+from trajeval_ros.report.coverage import SECOND, Coverage
+from trajeval_ros.report.run import Run
+from trajeval_ros.report.series import Series, coverage_gaps, span
+
+Figures = Mapping[str, Any]
+Row = tuple[str, str, str]
+
+_DASH = "–"
+_NOT_TOLD_APART = 0.01
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a figure in few characters, thousands separated, or a dash for None."""
+    if value is None:
+        return _DASH
+    if isinstance(value, int):
+        return f"{value:,}".replace("-", "−")
+    size = abs(value)
+    if size < 1e3:
+        text = f"{value:.{digits}g}"
+    elif size < 1e9:
+        text = f"{value:,.0f}"
+    else:
+        text = f"{value:.{digits - 1}e}"
+    return text.replace("-", "−")
+
+
+def length(metres: float | None) -> str:
+    """Return a length in the unit that suits it."""
+    if metres is None:
+        return _DASH
+    for unit, size in (("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
+        if metres >= size:
+            return f"{metres / size:.3g} {unit}"
+    return f"{metres * 1000:.2g} mm"
+
+
+def angle(radians: float | None) -> str:
+    """Return an angle in degrees."""
+    return _DASH if radians is None else f"{math.degrees(radians):.3g}°"
+
+
+def p_value(figures: Figures) -> float | None:
+    """Return the probability of a χ² at least this large, were the estimate perfect."""
+    chi2, dof = figures.get("chi2"), figures.get("dof")
+    if chi2 is None or not dof:
+        return None
+    return float(chdtrc(dof, chi2))
+
+
+def verdict(run: Run, series: Series | None) -> str:
+    """Return how good it is, where it is bad, and whether the ground truth can be trusted."""
+    summary = run.summary
+    if series is None:
+        return "No estimate has been evaluated."
+    worst = int(np.argmax(series.translation_error))
+    sentences = []
+    relative = summary["relative"]
+    probability = p_value(relative)
+    if probability is not None:
+        if probability > _NOT_TOLD_APART:
+            sentences.append("The estimate cannot be told from the ground truth.")
+        else:
+            worth = math.sqrt(relative["chi2_per_dof"])
+            sentences.append(
+                "From one estimate to the next, the error is worth"
+                f" <b>{number(worth, 3)} standard deviations</b> of the ground truth."
+            )
+    sentences.append(
+        f"The estimate is furthest off at {series.seconds[worst]:.1f} s, by"
+        f" <b>{length(series.translation_error[worst])}</b>, where the ground truth is known to"
+        f" {length(series.translation_band[worst])} (two standard deviations)."
+    )
+    sentences.append(_trust(run, series))
+    return " ".join(sentences)
+
+
+def _trust(run: Run, series: Series) -> str:
+    gaps = coverage_gaps(run.ground_truth)
+    typical = length(float(np.median(series.translation_band)))
+    text = f"The ground truth is typically known to {typical}"
+    if not gaps:
+        return f"{text} and has no gap."
+    longest = max(gaps, key=lambda gap: gap.seconds)
+    at = (longest.start - series.start) / SECOND
+    unscored = run.summary["estimate"]["rejected"].get("no_ground_truth", 0)
+    count = "one gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the longest"
+    tail = f"; {unscored:,} estimates in there have no score" if unscored else ""
+    return f"{text} and has {count} of {longest.seconds:.1f} s at {at:.0f} s{tail}."
+
+
+def tiles(run: Run, series: Series | None) -> list[Row]:
+    """Return the figures that everybody looks for first."""
+    summary = run.summary
+    conventional, relative = summary["conventional"], summary["relative"]
+    estimate = summary["estimate"]
+    gauge = "not aligned" if summary["gauge"] == "none" else f"aligned, {summary['gauge']}"
+    ratio = relative.get("chi2_per_dof")
+    return [
+        (
+            "Absolute error, ATE",
+            length(conventional.get("ate_translation_rmse")),
+            f"and {angle(conventional.get('ate_rotation_rmse'))}, RMSE, {gauge}",
+        ),
+        (
+            f"Relative error over {_step(run)}",
+            length(conventional.get("re_translation_rmse")),
+            f"and {angle(conventional.get('re_rotation_rmse'))}, RMSE",
+        ),
+        (
+            "Relative log-likelihood",
+            _short(relative.get("log_likelihood")),
+            f"nats; χ²/dof {_short(ratio)}, p-value {_probability(p_value(relative))}",
+        ),
+        (
+            "Estimates evaluated",
+            f"{estimate['evaluated']:,}",
+            f"of {estimate['received']:,} received",
+        ),
+        ("Ground truth", _rate(run.ground_truth), _samples(run)),
+    ]
+
+
+def _step(run: Run) -> str:
+    return f"{run.parameters['relative.delta']:g} {run.parameters['relative.unit']}"
+
+
+def _short(value: float | None) -> str:
+    if value is None:
+        return _DASH
+    for size, suffix in ((1e9, " G"), (1e6, " M"), (1e4, " k")):
+        if abs(value) >= size:
+            scale = 1e3 if suffix == " k" else size
+            return f"{value / scale:.4g}{suffix}".replace("-", "−")
+    return f"{value:,.4g}".replace("-", "−")
+
+
+def _probability(value: float | None) -> str:
+    if value is None:
+        return _DASH
+    return "< 0.0001" if value < 1e-4 else f"{value:.3g}"
+
+
+def _rate(coverage: Coverage) -> str:
+    if coverage.total < 2 or coverage.earliest is None or coverage.latest is None:
+        return _DASH
+    gaps = coverage_gaps(coverage)
+    silent = sum(gap.seconds for gap in gaps)
+    seconds = (coverage.latest - coverage.earliest) / SECOND - silent
+    if seconds <= 0:
+        return _DASH
+    return f"{(coverage.total - 1 - len(gaps)) / seconds:.3g} Hz"
+
+
+def _samples(run: Run) -> str:
+    gaps = coverage_gaps(run.ground_truth)
+    lacking = f"{len(gaps)} gaps, {sum(gap.seconds for gap in gaps):.1f} s" if gaps else "no gap"
+    return f"{run.summary['ground_truth']['used']:,} samples, {lacking}"
+
+
+def figures(run: Run) -> list[Row]:
+    """Return the table of figures, each with what it says."""
+    summary = run.summary
+    relative, absolute = summary["relative"], summary["absolute"]
+    window = summary["window"]
+    conventional = summary["conventional"]
+    last = f"the last {run.parameters['window.duration']:g} s"
+    rows = [
+        (
+            "RE, log-likelihood",
+            f"{number(relative.get('log_likelihood'))} nats",
+            "of the motion between neighbouring estimates, over the whole run",
+        ),
+        (
+            "RE, χ²",
+            number(relative.get("chi2")),
+            f"with {number(relative.get('dof'))} degrees of freedom; p-value"
+            f" {_probability(p_value(relative))}",
+        ),
+        (
+            "RE, log-determinant",
+            number(relative.get("log_det")),
+            "how uncertain the ground truth is: larger where it is known less well",
+        ),
+        (
+            "RE, χ² per degree of freedom",
+            number(relative.get("chi2_per_dof")),
+            "1 for an estimate as good as the ground truth",
+        ),
+        (
+            "RE, translation and rotation",
+            f"{length(relative.get('translation_rmse'))}, {angle(relative.get('rotation_rmse'))}",
+            "RMSE from one estimate to the next",
+        ),
+        (
+            "AE, log-likelihood",
+            f"{number(absolute.get('log_likelihood'))} nats",
+            f"running, integrated over the gauge {summary['gauge']}",
+        ),
+        (
+            "AE, first order",
+            f"{number(absolute.get('log_likelihood_first_order'))} nats",
+            "the paper's; equal to RE up to round-off",
+        ),
+    ]
+    if absolute.get("log_likelihood_nonlinear") is not None:
+        rows.append(
+            (
+                "AE, nonlinear",
+                f"{number(absolute['log_likelihood_nonlinear'])} nats",
+                "over all poses at the best alignment; its distance from first order says how far"
+                " first order holds",
+            )
+        )
+    rows += [
+        (
+            "AE, χ² per degree of freedom",
+            number(absolute.get("chi2_per_dof")),
+            f"with {number(absolute.get('dof'))} degrees of freedom",
+        ),
+        (
+            "AE, translation and rotation",
+            f"{length(absolute.get('translation_rmse'))}, {angle(absolute.get('rotation_rmse'))}",
+            "RMSE under the likelihood-weighted alignment",
+        ),
+        (
+            f"RE in {last}",
+            f"{number(window['relative'].get('log_likelihood'))} nats",
+            f"χ²/dof {number(window['relative'].get('chi2_per_dof'))}; comparable between runs",
+        ),
+        (
+            f"AE in {last}",
+            f"{number(window['absolute'].get('log_likelihood'))} nats",
+            f"χ²/dof {number(window['absolute'].get('chi2_per_dof'))}; nonlinear, aligned anew",
+        ),
+        (
+            "ATE",
+            f"{length(conventional.get('ate_translation_rmse'))},"
+            f" {angle(conventional.get('ate_rotation_rmse'))}",
+            "conventional absolute error, RMSE after aligning the positions",
+        ),
+        (
+            f"RE over {_step(run)}",
+            f"{length(conventional.get('re_translation_rmse'))},"
+            f" {angle(conventional.get('re_rotation_rmse'))}",
+            "conventional relative error, RMSE",
+        ),
+    ]
+    return rows
+
+
+def accounts(run: Run) -> list[Row]:
+    """Return what became of every message."""
+    rows: list[Row] = []
+    for key, title, taken in (
+        ("estimate", "Estimate", "evaluated"),
+        ("ground_truth", "Ground truth", "used"),
+    ):
+        counts = run.summary[key]
+        coverage = run.estimate if key == "estimate" else run.ground_truth
+        rows.append((f"{title}, received", f"{counts['received']:,}", _rate(coverage)))
+        rows.append((f"{title}, {taken}", f"{counts[taken]:,}", ""))
+        if counts.get("pending"):
+            rows.append((f"{title}, pending", f"{counts['pending']:,}", "not decided yet"))
+        rows += [
+            (f"{title}, {reason}", f"{count:,}", _REASONS.get(reason, ""))
+            for reason, count in counts["rejected"].items()
+            if count
+        ]
+    return rows
+
+
+_REASONS = {
+    "non_finite": "a number that is not finite",
+    "zero_quaternion": "a quaternion of norm 0",
+    "unnormalized_quaternion": "a quaternion whose norm is not 1",
+    "duplicate_stamp": "the stamp of a pose before it",
+    "out_of_order": "a stamp before one that had been taken in",
+    "stamp_jump": "an isolated leap in time",
+    "no_ground_truth": "too far from any sample of the ground truth",
+    "outside_ground_truth": "before its first or after its last sample",
+    "too_late": "older than the ground truth that is kept",
+}
+
+
+def model(run: Run) -> list[Row]:
+    """Return the Gaussian process as it was."""
+    truth = run.summary["ground_truth"]
+    hyperparameters = truth.get("hyperparameters")
+    learned = run.parameters["gp.hyperparameters"] == "auto"
+    rows: list[Row] = [
+        ("Kernel", html.escape(str(run.parameters["gp.kernel"])), f"{truth['segments']:,} segments")
+    ]
+    if hyperparameters is None:
+        return [*rows, ("Hyperparameters", _DASH, "too little ground truth to learn them")]
+    source = "learned from the first segments" if learned else "as set by parameter"
+    for group, show in (("translation", length), ("rotation", angle)):
+        values = hyperparameters[group]
+        rows += [
+            (f"{group.capitalize()}: signal", show(values["signal_std"]), source),
+            (f"{group.capitalize()}: length scale", f"{values['length_scale']:.3g} s", ""),
+            (f"{group.capitalize()}: noise", show(values["noise_std"]), "of one sample"),
+        ]
+    return rows
+
+
+def parameters(run: Run) -> list[tuple[str, str, str, bool]]:
+    """Return every parameter with its value, what it is, and whether it was changed."""
+    rows = []
+    for name, parameter in PARAMETERS.items():
+        value = run.parameters.get(name, parameter.default)
+        if isinstance(value, list | tuple):
+            shown, value = ", ".join(f"{entry:g}" for entry in value), tuple(value)
+        else:
+            shown = str(value)
+        same = value == parameter.default
+        unit = f" ({parameter.unit})" if parameter.unit else ""
+        rows.append((name, shown or '""', f"{parameter.description}{unit}", not same))
+    return rows
+
+
+def when(run: Run) -> str:
+    """Return the span of the data."""
+    start, end = span(run)
+    if end <= start:
+        return ""
+    return f"Data from stamp {start / SECOND:.3f} s to {end / SECOND:.3f} s."
