@@ -3,7 +3,7 @@
 """Stationary covariance functions of time.
 
 Every kernel is written for unit variance and unit length: ``k(t, t') = σ² ρ(|t - t'| / l)``. A new
-kernel is one small class with the two methods of :class:`Kernel`, entered in :data:`KERNELS`.
+kernel is one small class with the two methods of :class:`Kernel`, entered in :data:`SUMS`.
 """
 
 from __future__ import annotations
@@ -70,10 +70,11 @@ class Matern52:
         return np.asarray(a * a * (1.0 + a) * np.exp(-a) / 3.0)
 
 
-KERNELS: MappingProxyType[str, Kernel] = MappingProxyType(
+SUMS: MappingProxyType[str, tuple[Kernel, ...]] = MappingProxyType(
     {
-        "matern52": Matern52(),
-        "matern32": Matern32(),
-        "squared_exponential": SquaredExponential(),
+        "matern52": (Matern52(), Matern32()),
+        "matern32": (Matern32(),),
+        "squared_exponential": (SquaredExponential(),),
     }
 )
+"""The covariance functions by the name of the parameter ``gp.kernel``: sums of kernels."""

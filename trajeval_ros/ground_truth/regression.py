@@ -2,16 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gaussian-process regression of a few coordinates over time, grown sample by sample.
 
-The model of each coordinate is ``x(t) = h(t)ᵀβ + f(t) + noise`` with ``h(t) = (1, t)``, an unknown
-mean β under a nearly flat prior, and ``f ~ GP(0, σ² ρ)``. With the Cholesky factor ``K = L Lᵀ`` of
-the samples' covariance, ``z = L⁻¹ x``, ``G = L⁻¹ H`` and ``v = L⁻¹ k(t)``, all three truncated to
-the first n rows,
+The model of each coordinate is ``x(t) = β + f(t) + noise``, an unknown mean β under a nearly flat
+prior, and ``f ~ GP(0, k)``; the covariance of all is known up to a scale ``s²`` near one, with a
+prior of ν degrees of freedom. With the Cholesky factor ``K = L Lᵀ`` of the samples' covariance, ``z
+= L⁻¹ x``, ``g = L⁻¹ 1`` and ``v = L⁻¹ k(t)``, all truncated to the first n rows,
 
-    A_n = P⁻¹ + Gᵀ G,   β_n = A_n⁻¹ Gᵀ z,   r = h(t) - Gᵀ v, m(t) = vᵀ z + rᵀ β_n,   P(t) = σ² - vᵀ
-    v + rᵀ A_n⁻¹ r                  (``docs/method.md``, Ground truth)
+    A = p + gᵀ g,   β = gᵀ z / A,   r = 1 - gᵀ v,   q = zᵀ z - (gᵀ z)² / A,
+    m(t) = vᵀ z + r β,   s² = (ν + Σ q) / (ν + c (n - 1)),   P(t) = s² (k(t,t) - vᵀ v + r² / A)
 
-is the posterior given the first n samples: the leading block of a Cholesky factor is the factor of
-the leading block, so a truncated answer costs no new factorisation.
+is the posterior given the first n samples, c coordinates together giving the scale
+(``docs/method.md``, Ground truth): the leading block of a Cholesky factor is the factor of the
+leading block, so a truncated answer costs no new factorisation.
 """
 
 from __future__ import annotations
@@ -20,7 +21,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters
+from trajeval_ros.ground_truth.hyperparameters import (
+    DEGREES_OF_FREEDOM,
+    Component,
+    GroupHyperparameters,
+)
 from trajeval_ros.ground_truth.kernels import Kernel
 
 Array = npt.NDArray[np.float64]
@@ -33,9 +38,10 @@ Counts = npt.NDArray[np.intp]
 _BLOCK = 32
 _PANEL = 8
 
-# Standard deviation of the mean's offset, in units of σ, and of its slope, in units of σ/l: flat
-# beside the data.
+# Standard deviation of the mean in units of the signal's: flat beside the data.
 _FLAT = 1e3
+# The variance is known to this many units of round-off of k(t, t), and is never less than that.
+_ROUND_OFF = 64.0 * np.finfo(np.float64).eps
 
 
 def _rounded_up(count: int) -> int:
@@ -44,22 +50,27 @@ def _rounded_up(count: int) -> int:
 
 
 class Regression:
-    """The posterior of several coordinates that share kernel, hyperparameters and noise."""
+    """The posterior of several coordinates that share kernels, hyperparameters and noise."""
 
     def __init__(
-        self, kernel: Kernel, hyperparameters: GroupHyperparameters, coordinates: int
+        self,
+        kernels: tuple[Kernel, ...],
+        hyperparameters: GroupHyperparameters,
+        coordinates: int,
+        noise_floor: float,
     ) -> None:
-        """Start without samples."""
-        self._kernel = kernel
-        self._variance = hyperparameters.signal_std**2
-        self._length = hyperparameters.length_scale
-        flat = _FLAT * hyperparameters.signal_std
-        self._mean_precision = np.diag([flat**-2, (flat / self._length) ** -2])
+        """Start without samples; the scale does not bring the noise below ``noise_floor``."""
+        self._components = hyperparameters.components
+        self._kernels = kernels[: len(self._components)]
+        self._variance = sum(c.signal_std**2 for c in self._components)
+        self._mean_precision = 1.0 / (_FLAT**2 * self._variance)
+        self._least_scale = min((noise_floor / hyperparameters.noise_std) ** 2, 1.0)
+        self._coordinates = coordinates
         self._count = 0
         self._times = np.empty(0)
         self._factor = np.empty((0, 0))
-        self._white = np.empty((0, coordinates + 2))
-        self._moments = np.empty((0, 2, coordinates + 2))
+        self._white = np.empty((0, 1 + coordinates))  # g, z
+        self._sums = np.empty((0, 2 + coordinates))  # A, gᵀ z, Σ zᵀ z, row after row
 
     @property
     def count(self) -> int:
@@ -89,7 +100,7 @@ class Regression:
         self._factor = factor
         self._times = np.concatenate([self._times, np.zeros(grow)])
         self._white = np.concatenate([self._white, np.zeros((grow, self._white.shape[1]))])
-        self._moments = np.concatenate([self._moments, np.zeros((grow, *self._moments.shape[1:]))])
+        self._sums = np.concatenate([self._sums, np.zeros((grow, self._sums.shape[1]))])
 
     def _factor_block(self, start: int, times: Array, values: Array, noise: Array) -> None:
         """Write rows ``start`` to ``start + 32`` of the factor.
@@ -99,7 +110,7 @@ class Regression:
         here, size = slice(start, start + _BLOCK), len(times)
         self._times[start : start + size] = times
         right = np.zeros((_BLOCK, self._white.shape[1]))
-        right[:size, 0], right[:size, 1], right[:size, 2:] = 1.0, times, values
+        right[:size, 0], right[:size, 1:] = 1.0, values
         block = np.eye(_BLOCK)
         block[:size, :size] = self._covariance(times, times)
         block[np.arange(size), np.arange(size)] += noise
@@ -114,27 +125,37 @@ class Regression:
         if info:
             raise np.linalg.LinAlgError("the covariance of the samples is not positive definite")
         self._factor[here, here] = lower
-        self._white[here] = _solve(lower, right)
-        terms = np.einsum("ni,nj->nij", self._white[here, :2], self._white[here])
+        self._white[here] = white = _solve(lower, right)
+        square = (white[:, 1:] ** 2).sum(axis=1, keepdims=True)
+        terms = np.concatenate([white[:, :1] * white, square], axis=1)
         if start:
-            terms[0] += self._moments[start - 1]
+            terms[0] += self._sums[start - 1]
         else:
-            terms[0, :, :2] += self._mean_precision
-        self._moments[here] = np.cumsum(terms, axis=0)
+            terms[0, 0] += self._mean_precision
+        self._sums[here] = np.cumsum(terms, axis=0)
 
     def _covariance(self, first: Array, second: Array) -> Array:
         """``k(first_i, second_j)``; (len(first), len(second))."""
-        u = np.abs(first[:, None] - second) / self._length
-        return self._variance * self._kernel.correlation(u)
+        apart = np.abs(first[:, None] - second)
+        return sum_of_kernels(self._kernels, self._components, apart)
 
     def posterior(self, times: Array, counts: Counts) -> tuple[Array, Array]:
         """Return mean (q, c) and variance (q,), given the first ``counts`` (q,) >= 1 samples."""
-        white, reduced = self._whitened(times, counts)
-        solved, answer = self._mean_weights(reduced[:, :2], counts)
-        variance = self._variance - _column_sums(white * white)[: len(times)]
-        variance += np.einsum("qi,qi->q", reduced[:, :2], solved)
-        mean = np.einsum("qi,qic->qc", reduced[:, :2], answer) + reduced[:, 2:]
-        return mean, variance
+        white, r, mean = self._whitened(times, counts)
+        sums = self._sums[counts - 1]
+        information = sums[:, 0]
+        mean = mean + (r / information)[:, None] * sums[:, 1:-1]
+        variance = self._variance - _column_sums(white * white)[: len(times)] + r * r / information
+        variance = np.maximum(variance, _ROUND_OFF * self._variance)
+        return mean, self._scale(counts) * variance
+
+    def _scale(self, counts: Counts) -> Array:
+        """``s²`` given the first ``counts`` (q,) samples; (q,)."""
+        sums = self._sums[counts - 1]
+        square = sums[:, -1] - (sums[:, 1:-1] ** 2).sum(axis=1) / sums[:, 0]
+        freedom = self._coordinates * (counts - 1)
+        scale = (DEGREES_OF_FREEDOM + square) / (DEGREES_OF_FREEDOM + freedom)
+        return np.asarray(np.maximum(scale, self._least_scale))
 
     def covariance(self, times: Array, counts: Counts) -> Array:
         """Return the posterior covariance (q, q), each pair given the larger of its two sets.
@@ -142,52 +163,45 @@ class Regression:
         The later error is orthogonal to all that the earlier answer knew, so that is the covariance
         of the errors.
         """
-        cap = int(counts.max(initial=0))
-        full = np.full(len(times), cap, dtype=np.intp)
-        white, _ = self._whitened(times, full)
+        full = np.full(len(times), counts.max(initial=1), dtype=np.intp)
+        white = self._whitened(times, full)[0][:, : len(times)]
         pair = np.maximum(counts[:, None], counts)
         result = self._covariance(times, times)
         for count in np.unique(pair):  # few: the counts of neighbouring queries
-            rows = white[:count, : len(times)]
-            basis = np.stack([np.ones_like(times), times], axis=-1)
-            basis = basis - rows.T @ self._white[:count, :2]
-            solved = np.linalg.solve(self._moments[count - 1, :, :2], basis.T)
-            update = basis @ solved - rows.T @ rows
+            rows = white[:count]
+            r = 1.0 - self._white[:count, 0] @ rows
+            update = np.outer(r, r) / self._sums[count - 1, 0] - rows.T @ rows
             chosen = pair == count
             result[chosen] += update[chosen]
-        return result
+        scale = np.sqrt(self._scale(counts))
+        return np.asarray(result * scale[:, None] * scale)
 
-    def _whitened(self, times: Array, counts: Counts) -> tuple[Array, Array]:
-        """``v`` (rows, panels of q), zero from row ``counts`` on, and ``(r, vᵀz)`` (q, 2 + c)."""
+    def _whitened(self, times: Array, counts: Counts) -> tuple[Array, Array, Array]:
+        """``v`` (rows, panels of q), zero from row ``counts`` on; ``r`` (q,); ``vᵀ z`` (q, c)."""
         rows = _rounded_up(int(counts.max(initial=0)))
         white = np.zeros((rows, -(-len(times) // _PANEL) * _PANEL))
         for size in np.unique([_rounded_up(int(c)) for c in np.unique(counts)]):
-            chosen = np.flatnonzero(
-                (counts <= size) & (counts > (size // 2 if size > _BLOCK else 0))
-            )
+            least = size // 2 if size > _BLOCK else 0
+            chosen = np.flatnonzero((counts <= size) & (counts > least))
             panel = np.zeros((size, -(-len(chosen) // _PANEL) * _PANEL), order="F")
             panel[:, : len(chosen)] = self._covariance(self._times[:size], times[chosen])
             panel = _solve(self._factor[:size, :size], panel)
             white[:size, chosen] = panel[:, : len(chosen)]
         white[:, : len(times)][np.arange(rows)[:, None] >= counts] = 0.0
         columns = self._white[:rows].T
-        reduced = np.stack([_column_sums(white * column[:, None]) for column in columns], axis=-1)
-        reduced = reduced[: len(times)]
-        reduced[:, 0] = 1.0 - reduced[:, 0]
-        reduced[:, 1] = times - reduced[:, 1]
-        return white, reduced
+        products = np.stack([_column_sums(white * column[:, None]) for column in columns], axis=-1)
+        products = products[: len(times)]
+        return white, 1.0 - products[:, 0], products[:, 1:]
 
-    def _mean_weights(self, r: Array, counts: Counts) -> tuple[Array, Array]:
-        """``A_n⁻¹ r`` (q, 2) and ``β_n`` (q, 2, c), by Cramer's rule on the 2x2 system."""
-        moments = self._moments[counts - 1]
-        (a, b), d = moments[:, 0, :2].T, moments[:, 1, 1]
-        determinant = (a * d - b * b)[:, None]
-        solved = np.stack([d * r[:, 0] - b * r[:, 1], a * r[:, 1] - b * r[:, 0]], -1) / determinant
-        top, bottom = moments[:, 0, 2:], moments[:, 1, 2:]
-        beta = np.stack(
-            [d[:, None] * top - b[:, None] * bottom, a[:, None] * bottom - b[:, None] * top], 1
-        )
-        return solved, beta / determinant[:, None]
+
+def sum_of_kernels(
+    kernels: tuple[Kernel, ...], components: tuple[Component, ...], apart: Array
+) -> Array:
+    """``Σ σ² ρ(apart / l)``, elementwise; ``apart`` in seconds."""
+    total = np.zeros_like(apart)
+    for kernel, component in zip(kernels, components, strict=True):
+        total += component.signal_std**2 * kernel.correlation(apart / component.length_scale)
+    return total
 
 
 def _column_sums(values: Array) -> Array:

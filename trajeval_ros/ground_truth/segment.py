@@ -53,8 +53,25 @@ class Samples:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Process:
+    """The Gaussian process of all segments: a sum of kernels and its hyperparameters.
+
+    ``noise_floors``: the instrument's accuracy in translation (m) and rotation (rad), below which
+    no segment's scale brings the noise.
+    """
+
+    kernels: tuple[Kernel, ...]
+    hyperparameters: Hyperparameters
+    noise_floors: tuple[float, float]
+
+
 class Segment:
-    """Samples in local coordinates ``x_k = Log(T_ref⁻¹ T_k)`` about the first, and their process.
+    """Samples in local coordinates about the first one, and the Gaussian process through them.
+
+    The coordinates are those of R³ x SO(3), ``x_k = (R_refᵀ (p_k - p_ref), Log(R_refᵀ R_k))``, and
+    not of se(3): ``Log(T_ref⁻¹ T_k)`` has the translation part ``J_l(φ)⁻¹ R_refᵀ (p_k - p_ref)``,
+    in which every roughness of the rotation becomes one of the translation (``docs/method.md``).
 
     It grows until it is closed, and does not change any more afterwards. The factorisation is made
     when it is first asked for, with the hyperparameters of that call, and kept.
@@ -95,8 +112,11 @@ class Segment:
         return np.asarray((stamps - self._samples.stamps[0]) * _NANO)
 
     def local(self, poses: Array) -> Array:
-        """Return ``Log(T_ref⁻¹ T)``; (n, 6)."""
-        return se3.log(se3.compose(se3.inverse(self._samples.poses[0]), poses))
+        """Return ``x = (R_refᵀ (p - p_ref), Log(R_refᵀ R))``; (n, 6)."""
+        reference = self._samples.poses[0]
+        back = reference[:3, :3].T
+        offset = poses[:, :3, 3] - reference[:3, 3]
+        return np.concatenate([offset @ back.T, se3.log_so3(back @ poses[:, :3, :3])], axis=-1)
 
     def append(self, samples: Samples) -> None:
         """Add later samples."""
@@ -110,19 +130,18 @@ class Segment:
 
     @staticmethod
     def _sample_variances(samples: Samples, coordinates: Array) -> Array | None:
-        """Variances in local coordinates, ``diag(J_r⁻¹ Σ J_r⁻ᵀ)``; (n, 6) or None."""
+        """Variances in local coordinates, ``diag(B⁻¹ Σ B⁻ᵀ)`` with B of `_to_body`; (n, 6)."""
         if samples.covariances is None:
             return None
-        jacobian = se3.right_jacobian_inverse(coordinates)
-        return np.asarray(np.einsum("nij,njk,nik->ni", jacobian, samples.covariances, jacobian))
+        to_local = np.linalg.inv(_to_body(coordinates[:, 3:]))
+        return np.asarray(np.einsum("nij,njk,nik->ni", to_local, samples.covariances, to_local))
 
-    def _conditioned(
-        self, kernel: Kernel, hyperparameters: Hyperparameters, count: int
-    ) -> tuple[tuple[slice, Regression], ...]:
+    def _conditioned(self, process: Process, count: int) -> tuple[tuple[slice, Regression], ...]:
         """The regressions, conditioned on at least ``count`` samples.
 
         One a group of coordinates, or one a coordinate where each sample has its own variances.
         """
+        hyperparameters, floors = process.hyperparameters, process.noise_floors
         groups = (
             (slice(0, 3), hyperparameters.translation),
             (slice(3, 6), hyperparameters.rotation),
@@ -130,7 +149,10 @@ class Segment:
         if not self._regressions:
             width = 3 if self._variances is None else 1
             self._regressions = tuple(
-                (slice(i, i + width), Regression(kernel, group, width))
+                (
+                    slice(i, i + width),
+                    Regression(process.kernels, group, width, floors[columns.start // 3]),
+                )
                 for columns, group in groups
                 for i in range(columns.start, columns.stop, width)
             )
@@ -144,22 +166,36 @@ class Segment:
                 regression.extend(times, self._coordinates[:, columns], noise)
         return self._regressions
 
-    def posterior(
-        self, kernel: Kernel, hyperparameters: Hyperparameters, stamps: Stamps, until: Stamps
-    ) -> tuple[Array, Array]:
+    def posterior(self, process: Process, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:
         """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,).
 
-        The pose ``T_ref Exp(m)`` (q, 4, 4) in the world, and ``Σ = J_r(m) P J_r(m)ᵀ`` (q, 6, 6) of
-        its right perturbation, in the body frame.
+        The poses (q, 4, 4) in the world, with the coordinates ``m``, and ``Σ = B P Bᵀ`` (q, 6, 6)
+        of their right perturbation, in the body frame.
         """
         counts = np.searchsorted(self._samples.stamps, until, side="right")
         times = self._seconds(stamps)
         mean, variance = np.empty((len(stamps), 6)), np.empty((len(stamps), 6))
-        for columns, regression in self._conditioned(
-            kernel, hyperparameters, int(counts.max(initial=0))
-        ):
+        for columns, regression in self._conditioned(process, int(counts.max(initial=0))):
             mean[:, columns], group = regression.posterior(times, counts)
             variance[:, columns] = group[:, None]
-        jacobian = se3.right_jacobian(mean)
-        covariance = np.einsum("qij,qj,qkj->qik", jacobian, variance, jacobian)
-        return se3.compose(self._samples.poses[0], se3.exp(mean)), covariance
+        to_body = _to_body(mean[:, 3:])
+        covariance = np.einsum("qij,qj,qkj->qik", to_body, variance, to_body)
+        return self._pose(mean), covariance
+
+    def _pose(self, coordinates: Array) -> Array:
+        """The pose with local coordinates (q, 6); (q, 4, 4)."""
+        reference = self._samples.poses[0]
+        pose = np.zeros((len(coordinates), 4, 4))
+        pose[:, :3, :3] = reference[:3, :3] @ se3.exp_so3(coordinates[:, 3:])
+        pose[:, :3, 3] = reference[:3, 3] + coordinates[:, :3] @ reference[:3, :3].T
+        pose[:, 3, 3] = 1.0
+        return pose
+
+
+def _to_body(phi: Array) -> Array:
+    """``B = blkdiag(Exp(φ)ᵀ, J_r(φ))``, from local to right perturbations; (n, 6, 6)."""
+    result = np.zeros((len(phi), 6, 6))
+    result[:, :3, :3] = np.swapaxes(se3.exp_so3(phi), -1, -2)
+    tangent = np.concatenate([np.zeros_like(phi), phi], axis=-1)
+    result[:, 3:, 3:] = se3.right_jacobian(tangent)[:, 3:, 3:]
+    return result

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.ground_truth import learning
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
-from trajeval_ros.ground_truth.kernels import KERNELS
-from trajeval_ros.ground_truth.segment import Samples, Segment
+from trajeval_ros.ground_truth.kernels import SUMS
+from trajeval_ros.ground_truth.segment import Process, Samples, Segment
 from trajeval_ros.ground_truth.segmentation import Segmentation, SegmentShape
 
 Array = npt.NDArray[np.float64]
@@ -69,7 +69,7 @@ class GroundTruth:
     def __init__(self, model: Model) -> None:
         """Start without samples."""
         self._model = model
-        self._kernel = KERNELS[model.kernel]
+        self._kernels = SUMS[model.kernel]
         self._segmentation = Segmentation(model.shape)
         self._hyperparameters = model.hyperparameters
         self._lessons: list[Segment] = []
@@ -134,7 +134,7 @@ class GroundTruth:
                 )
                 for s in lessons
             ]
-            groups.append(learning.learn(self._kernel, records, floor))
+            groups.append(learning.learn(self._kernels, records, floor))
         translation, rotation = groups
         if translation is not None and rotation is not None:
             self._hyperparameters = Hyperparameters(translation, rotation)
@@ -149,6 +149,8 @@ class GroundTruth:
         """
         if self._hyperparameters is None:
             raise ValueError("the hyperparameters are not known yet")
+        floors = (self._model.translation_std, self._model.rotation_std)
+        process = Process(self._kernels, self._hyperparameters, floors)
         poses, covariances = np.empty((len(stamps), 4, 4)), np.zeros((len(stamps), 6, 6))
         weights = np.zeros(len(stamps))
         for blended in self._segmentation:
@@ -156,9 +158,7 @@ class GroundTruth:
             asked = share > 0.0
             if not asked.any():
                 continue
-            pose, covariance = blended.segment.posterior(
-                self._kernel, self._hyperparameters, stamps[asked], until[asked]
-            )
+            pose, covariance = blended.segment.posterior(process, stamps[asked], until[asked])
             weights[asked] += share[asked]
             ratio = share[asked] / weights[asked]
             before = np.where((ratio < 1.0)[:, None, None], poses[asked], pose)

@@ -17,7 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
+from trajeval_ros.ground_truth.hyperparameters import (
+    Component,
+    GroupHyperparameters,
+    Hyperparameters,
+)
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Model
@@ -329,8 +333,11 @@ def _model(values: Mapping[str, Value]) -> Model:
         return float(value)
 
     def group(name: str) -> GroupHyperparameters:
-        names = ("signal_std", "length_scale", "noise_std")
-        return GroupHyperparameters(*(number(f"gp.{name}.{n}") for n in names))
+        components = [Component(number(f"gp.{name}.signal_std"), number(f"gp.{name}.length_scale"))]
+        rough = number(f"gp.{name}.rough_signal_std")
+        if values["gp.kernel"] == "matern52" and rough > 0.0:
+            components.append(Component(rough, number(f"gp.{name}.rough_length_scale")))
+        return GroupHyperparameters(tuple(components), number(f"gp.{name}.noise_std"))
 
     fixed = values["gp.hyperparameters"] == "fixed"
     return Model(
@@ -348,12 +355,9 @@ def _model(values: Mapping[str, Value]) -> Model:
 
 
 def _described(hyperparameters: Hyperparameters) -> str:
-    groups = (
-        ("translation", hyperparameters.translation, "m"),
-        ("rotation", hyperparameters.rotation, "rad"),
-    )
-    return "learned " + "; ".join(
-        f"{name}: signal {g.signal_std:.4g} {unit}, length scale {g.length_scale:.4g} s, "
-        f"noise {g.noise_std:.4g} {unit}"
-        for name, g, unit in groups
-    )
+    groups = ((hyperparameters.translation, "m"), (hyperparameters.rotation, "rad"))
+    texts = []
+    for name, (group, unit) in zip(("translation", "rotation"), groups, strict=True):
+        parts = [f"{c.signal_std:.4g} {unit} over {c.length_scale:.4g} s" for c in group.components]
+        texts.append(f"{name} {' + '.join(parts)}, noise {group.noise_std:.4g} {unit}")
+    return "learned " + "; ".join(texts)

@@ -122,6 +122,20 @@ def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, .
         ),
         Parameter(f"gp.{name}.length_scale", 1.0, f"Length scale of {title}", "s", above=0.0),
         Parameter(
+            f"gp.{name}.rough_signal_std",
+            0.0,
+            f"Signal standard deviation of the rough part of {title}, with matern52; 0: none",
+            unit,
+            lower=0.0,
+        ),
+        Parameter(
+            f"gp.{name}.rough_length_scale",
+            1.0,
+            f"Length scale of the rough part of {title}, with matern52",
+            "s",
+            above=0.0,
+        ),
+        Parameter(
             f"gp.{name}.noise_std", noise, f"Noise standard deviation of {title}", unit, above=0.0
         ),
     )
