@@ -330,19 +330,22 @@ class RunningAbsolute:
     def update(self, ground_truth: Array, covariance: Array, estimate: Array) -> None:
         """Take the next poses.
 
-        Arguments as for `RunningRelative.update`, and errors; but where one is raised, some of the
-        poses before the wrong one may have been taken.
+        Arguments as for `RunningRelative.update`, and errors; the state then stays as it was.
         """
         blocks = covariance_blocks(covariance, self._bandwidth)
+        before = vars(self) | {"_whitener": self._whitener.copy()}
         start = 0
-        while start < len(ground_truth):
-            count = self._spread.count
-            piece = slice(start, start + _next_anchoring(count) - count)
-            try:
+        try:
+            while start < len(ground_truth):
+                count = self._spread.count
+                piece = slice(start, start + _next_anchoring(count) - count)
                 self._take(ground_truth[piece], blocks[piece], estimate[piece])
-            except CovarianceError as wrong:
+                start = piece.stop
+        except ValueError as wrong:
+            vars(self).update(before)
+            if isinstance(wrong, CovarianceError):
                 raise CovarianceError(start + wrong.index) from None
-            start = piece.stop
+            raise
 
     def _take(self, ground_truth: Array, blocks: Array, estimate: Array) -> None:
         """Take poses up to where the anchor moves next, at the most."""

@@ -11,6 +11,7 @@ Row i of L needs only the rows i - bandwidth ... i, so a stream takes constant t
 one more block, and LAPACK's banded routines take as many blocks at a time as there are.
 """
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,21 +31,36 @@ def lower_band(blocks: Array) -> Array:
     blocks: (n, b + 1, 6, 6), block rows as in the module's description.
     Returns (6 (b + 1), 6 n) in Fortran order: element (j + k, j) of the matrix at [k, j].
     """
+    band = empty_band(len(blocks), blocks.shape[1] - 1)
+    fill_band(band, blocks, 0)
+    return band
+
+
+def empty_band(count: int, bandwidth: int) -> Array:
+    """A band of so many zero blocks, in the storage of `lower_band`."""
+    return np.zeros((count * BLOCK, (bandwidth + 1) * BLOCK)).T
+
+
+def fill_band(band: Array, blocks: Array, first: int) -> None:
+    """Write block rows, from row ``first`` on, into a band made by `empty_band`."""
     n, width = blocks.shape[:2]
     height = width * BLOCK
-    band = np.zeros((n, BLOCK, height))
+    columns = band.T.reshape(-1, BLOCK, height)
     for c in range(BLOCK):
-        band[:, c, : BLOCK - c] = blocks[:, 0, c:, c]
-    # Element (r, c) of block (j + k, j) belongs at band[j, c, 6 k + r - c]: for k > 0, where
-    # r - c + 6 k > 0 all through, one regular stride.
-    for k in range(1, min(width, n)):
+        columns[first : first + n, c, : BLOCK - c] = blocks[:, 0, c:, c]
+    # Element (r, c) of block (j + k, j) belongs at columns[j, c, 6 k + r - c]: for k > 0, where
+    # r - c + 6 k > 0 all through, that is one regular stride.
+    for k in range(1, width):
+        skip = max(k - first, 0)
+        if skip >= n:
+            break
+        start = (first + skip - k) * BLOCK * height + k * BLOCK
         target = np.lib.stride_tricks.as_strided(
-            band.reshape(-1)[k * BLOCK :],
-            (n - k, BLOCK, BLOCK),
+            columns.reshape(-1)[start:],
+            (n - skip, BLOCK, BLOCK),
             (8 * BLOCK * height, 8, 8 * (height - 1)),
         )
-        target[...] = blocks[k:, k]
-    return band.reshape(n * BLOCK, height).T
+        target[...] = blocks[skip:, k]
 
 
 def factorize(band: Array) -> Array:
@@ -149,6 +165,11 @@ class BandWhitener:
         if self._bandwidth:
             self._remember(factor, white, across if before else np.zeros((0, 0)))
         return np.ascontiguousarray(white).reshape(columns.shape), log_det
+
+    def copy(self) -> "BandWhitener":
+        """Another one in the same state."""
+        # No array is written to after it has become the state.
+        return copy.copy(self)
 
     def transform(self, matrix: Array) -> None:
         """Let the columns be ``X matrix`` instead, also those whitened already.

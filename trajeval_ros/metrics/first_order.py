@@ -51,16 +51,20 @@ class FirstOrderAbsolute:
     def update(self, ground_truth: Array, covariance: Array, estimate: Array) -> None:
         """Take the next poses.
 
-        Arguments as for `RunningRelative.update`, and errors; but where one is raised, the poses
-        up to a multiple of 64 before the wrong one may have been taken.
+        Arguments as for `RunningRelative.update`, and errors; the state then stays as it was.
         """
         blocks = covariance_blocks(covariance, self._bandwidth)
-        for start in range(0, len(ground_truth), _POSES_PER_REFERENCE):
-            piece = slice(start, start + _POSES_PER_REFERENCE)
-            try:
+        before = vars(self) | {"_whitener": self._whitener.copy()}
+        start = 0
+        try:
+            for start in range(0, len(ground_truth), _POSES_PER_REFERENCE):
+                piece = slice(start, start + _POSES_PER_REFERENCE)
                 self._take(ground_truth[piece], blocks[piece], estimate[piece])
-            except CovarianceError as wrong:
+        except ValueError as wrong:
+            vars(self).update(before)
+            if isinstance(wrong, CovarianceError):
                 raise CovarianceError(start + wrong.index) from None
+            raise
 
     def _take(self, ground_truth: Array, blocks: Array, estimate: Array) -> None:
         n = len(ground_truth)

@@ -50,8 +50,5 @@ class CovarianceError(ValueError):
     """
 
     def __init__(self, index: int) -> None:
-        super().__init__(
-            f"the covariance of pose {index} of this batch is not positive definite "
-            "given the poses before it"
-        )
+        super().__init__(f"the covariance of pose {index} of the batch is not positive definite")
         self.index = index
