@@ -1,0 +1,427 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``evaluate`` as its users run it: a real process, its exit code, its output, its files."""
+
+import csv
+import json
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trajeval_ros import se3
+from trajeval_ros.commands.simulate import write_files
+from trajeval_ros.files.output import COLUMNS
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
+
+METRIC_PAIRS = [
+    ("tum_fr1_xyz", "rgbdslam"),
+    ("tum_fr2_desk", "orb"),
+    ("euroc_v102", "estimate"),
+    ("euroc_mh04", "pl_vio"),
+    ("euroc_mh04", "vins_mono"),
+    ("kitti_00", "orb"),
+    ("kitti_00", "sptam"),
+]
+
+
+def evaluate(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "trajeval_ros.commands.evaluate", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        **options,
+    )
+
+
+def refused(result: subprocess.CompletedProcess[str], code: int = 1) -> str:
+    """Check that the run was refused with one clear line, and return the line."""
+    assert result.returncode == code, result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("evaluate: error: ")
+    return lines[0].removeprefix("evaluate: error: ")
+
+
+def data_file(directory: str, name: str) -> Path:
+    path = DATA / directory / f"{name}.txt"
+    if not path.is_file():
+        pytest.skip(f"the real data is not here: {path}")
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A short simulated run: ground truth and estimate."""
+    return write_files(tmp_path_factory.mktemp("run"), 20.0, 3)
+
+
+@pytest.fixture
+def edited(run: tuple[Path, Path], tmp_path: Path) -> Callable[[Callable[[list[str]], None]], Path]:
+    """Return a function that writes the estimate with its lines changed."""
+
+    def write(change: Callable[[list[str]], None]) -> Path:
+        lines = run[1].read_text(encoding="utf-8").splitlines()
+        change(lines)
+        path = tmp_path / "edited.txt"
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def evaluated(
+    run: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[subprocess.CompletedProcess[str], Path]:
+    output = tmp_path_factory.mktemp("output") / "a folder" / "run"
+    return evaluate("tum", *run, "--output", output), output
+
+
+def test_run_ends_well_and_says_where_the_files_are(
+    evaluated: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    result, output = evaluated
+    assert result.returncode == 0, result.stderr
+    assert str(output) in result.stdout
+    for figure in ("log-likelihood", "chi2/dof", "ATE", "RE", "Estimate", "Ground truth"):
+        assert figure in result.stdout
+    assert sorted(os.listdir(output)) == ["poses.csv", "report.html", "summary.json"]
+
+
+def test_rows_sum_to_the_summary(
+    evaluated: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    _, output = evaluated
+    summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
+    with (output / "poses.csv").open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        assert tuple(reader.fieldnames or ()) == COLUMNS
+        rows = list(reader)
+    assert len(rows) == summary["estimate"]["evaluated"]
+    relative = summary["relative"]
+    for name in ("chi2", "log_det", "log_likelihood"):
+        total = math.fsum(float(row[name]) for row in rows)
+        assert total == pytest.approx(relative[name], rel=1e-9)
+    assert relative["log_likelihood"] == pytest.approx(
+        -0.5 * (relative["chi2"] + relative["log_det"] + relative["dof"] * math.log(2 * math.pi)),
+        rel=1e-12,
+    )
+    assert relative["dof"] == 6 * (len(rows) - 1)
+
+
+def test_relative_errors_are_those_of_the_poses(
+    evaluated: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    _, output = evaluated
+    with (output / "poses.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+
+    def poses(prefix: str) -> Any:
+        position = [[float(row[f"{prefix}_t{axis}"]) for axis in "xyz"] for row in rows]
+        quaternion = [[float(row[f"{prefix}_q{axis}"]) for axis in "xyzw"] for row in rows]
+        return se3.from_position_quaternion(position, quaternion)
+
+    truth, estimate = poses("gt"), poses("est")
+    steps = se3.compose(se3.inverse(estimate[:-1]), estimate[1:])
+    expected = se3.log(
+        se3.compose(se3.inverse(se3.compose(se3.inverse(truth[:-1]), truth[1:])), steps)
+    )
+    error = np.array([[float(row[f"e_{axis}"]) for axis in range(6)] for row in rows[1:]])
+    np.testing.assert_allclose(error, expected, atol=1e-12)
+
+
+def test_every_message_is_accounted_for(
+    evaluated: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    summary = json.loads((evaluated[1] / "summary.json").read_text(encoding="utf-8"))
+    estimate, truth = summary["estimate"], summary["ground_truth"]
+    assert estimate["received"] == (
+        estimate["evaluated"] + estimate["pending"] + sum(estimate["rejected"].values())
+    )
+    assert estimate["pending"] == 0
+    assert truth["received"] == truth["used"] + sum(truth["rejected"].values())
+
+
+def test_nothing_is_written_without_output(run: tuple[Path, Path], tmp_path: Path) -> None:
+    result = evaluate("tum", *run, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("directory", "name"), METRIC_PAIRS)
+def test_real_pairs_agree_with_evo(directory: str, name: str, tmp_path: Path) -> None:
+    truth, estimate = data_file(directory, "groundtruth"), data_file(directory, name)
+    result = evaluate("tum", truth, estimate, "--output", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "poses.csv").is_file()
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    reference = json.loads((DATA / "reference_evo.json").read_text(encoding="utf-8"))["results"]
+    ate = reference[directory][name]["se3"]["ape_trans_rmse_m"]
+    # kitti_00's ground truth is at 10 Hz like its estimates, so evo associates the same stamps.
+    assert summary["conventional"]["ate_translation_rmse"] == pytest.approx(ate, rel=0.03)
+
+
+# -- bad input -----------------------------------------------------------------------------------
+
+
+def test_missing_file(run: tuple[Path, Path], tmp_path: Path) -> None:
+    line = refused(evaluate("tum", run[0], tmp_path / "nothing.txt"))
+    assert "nothing.txt" in line
+    assert "no such file" in line
+
+
+def test_empty_file(run: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "empty.txt").touch()
+    assert "empty.txt: there is nothing in it" in refused(
+        evaluate("tum", tmp_path / "empty.txt", run[1])
+    )
+
+
+def test_file_of_words(run: tuple[Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "words.txt"
+    path.write_text("# a comment\nonce upon a time there was a robot\n", encoding="utf-8")
+    assert "words.txt, row 2: 'once' is not a number" in refused(evaluate("tum", run[0], path))
+
+
+def test_wrong_number_of_columns(edited: Any, run: tuple[Path, Path]) -> None:
+    def shorten(lines: list[str]) -> None:
+        lines[7] = lines[7].rpartition(" ")[0]
+
+    assert "edited.txt, row 8: 7 columns" in refused(evaluate("tum", run[0], edited(shorten)))
+
+
+def test_no_overlap_names_both_ranges(edited: Any, run: tuple[Path, Path]) -> None:
+    def shift(lines: list[str]) -> None:
+        lines[1:] = [line.replace("17500000", "18500000", 1) for line in lines[1:]]
+
+    line = refused(evaluate("tum", run[0], edited(shift)))
+    assert "do not overlap in time" in line
+    assert "1750000000.0" in line
+    assert "1850000000.3" in line
+
+
+def test_output_that_cannot_be_written(run: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    line = refused(evaluate("tum", *run, "--output", tmp_path / "file"))
+    assert "cannot write the output folder" in line
+
+
+def replaced(line: str, column: int, text: str) -> str:
+    words = line.split()
+    words[column] = text
+    return " ".join(words)
+
+
+@pytest.mark.parametrize(
+    ("reason", "change"),
+    [
+        ("non_finite", lambda line: replaced(line, 2, "nan")),
+        ("non_finite", lambda line: replaced(line, 0, "nan")),
+        ("zero_quaternion", lambda line: " ".join([*line.split()[:4], "0 0 0 0"])),
+        (
+            "unnormalized_quaternion",
+            lambda line: " ".join(
+                [*line.split()[:4], *(repr(1.1 * float(q)) for q in line.split()[4:])]
+            ),
+        ),
+    ],
+)
+def test_single_bad_poses_are_counted_by_reason(
+    reason: str, change: Callable[[str], str], edited: Any, run: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def spoil(lines: list[str]) -> None:
+        for row in (101, 150):
+            lines[row - 1] = change(lines[row - 1])
+
+    result = evaluate("tum", run[0], edited(spoil), "--output", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["estimate"]["rejected"][reason] == 2
+    assert f"2 {reason}, the first in" in result.stdout
+    assert "edited.txt, row 101" in result.stdout
+    received = sum(1 for line in run[1].read_text(encoding="utf-8").splitlines()[1:])
+    assert summary["estimate"]["received"] == received
+
+
+def test_stamps_that_go_back_or_repeat_are_counted(
+    edited: Any, run: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def shuffle(lines: list[str]) -> None:
+        # far back, beyond any reordering on a network
+        lines[200] = replaced(lines[200], 0, lines[50].split()[0][:-3] + "999")
+        lines[250] = replaced(lines[250], 0, lines[249].split()[0])
+
+    result = evaluate("tum", run[0], edited(shuffle), "--output", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    rejected = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))[
+        "estimate"
+    ]["rejected"]
+    assert rejected["duplicate_stamp"] == 1
+    assert rejected["out_of_order"] == 1
+    assert "edited.txt, row 201" in result.stdout
+    assert "edited.txt, row 251" in result.stdout
+
+
+# -- usage ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("gauge=se4", "gauge must be one of"),
+        ("window.duration=-3", "window.duration must be at least"),
+        ("window.duration=long", "window.duration must be a number"),
+        ("segment.min_samples=2.5", "segment.min_samples must be an integer"),
+        ("windowduration=3", "unknown parameter windowduration; did you mean window.duration?"),
+        ("delta=3", "unknown parameter delta; did you mean relative.delta?"),
+        ("gauge", "--set takes name=value"),
+        ("extrinsic=[1, 2]", "extrinsic must be seven finite numbers"),
+    ],
+)
+def test_wrong_parameters_are_refused_by_name(
+    assignment: str, message: str, run: tuple[Path, Path]
+) -> None:
+    assert message in refused(evaluate("tum", *run, "--set", assignment), code=2)
+
+
+def test_parameters_from_the_nodes_file(run: tuple[Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "evaluator.yaml"
+    path.write_text(
+        "/**:\n"
+        "  ros__parameters:\n"
+        "    use_sim_time: true\n"
+        "    gauge: yaw_translation\n"
+        "    window:\n"
+        "      duration: 1e1\n"
+        "    relative.delta: 2\n"
+        "evaluator:\n"
+        "  ros__parameters:\n"
+        "    relative.delta: 0.5\n"
+        "another_node:\n"
+        "  ros__parameters:\n"
+        "    whatever: 3\n",
+        encoding="utf-8",
+    )
+    result = evaluate(
+        "tum", *run, "--params", path, "--set", "gauge=none", "--output", tmp_path / "out"
+    )
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["gauge"] == "none"
+    assert "last 10 s" in result.stdout
+    assert "over 0.5 s" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [1, 2", "is not YAML"),
+        ("just words", "does not hold a mapping"),
+        ("window:\n  length: 3\n", "unknown parameter window.length"),
+        ("other:\n  ros__parameters:\n    a: 1\n", "parameters for other only, not for evaluator"),
+    ],
+)
+def test_bad_parameter_files(
+    text: str, message: str, run: tuple[Path, Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text, encoding="utf-8")
+    line = refused(evaluate("tum", *run, "--params", path), code=2)
+    assert message in line
+    assert "bad.yaml" in line
+
+
+def test_no_arguments_is_wrong_usage() -> None:
+    result = evaluate()
+    assert result.returncode == 2
+    assert "usage: evaluate" in result.stderr
+
+
+def test_help_names_every_format() -> None:
+    result = evaluate("--help")
+    assert result.returncode == 0
+    for word in ("tum", "euroc", "kitti", "exit codes"):
+        assert word in result.stdout
+
+
+def test_a_reader_that_leaves_is_no_error(run: tuple[Path, Path]) -> None:
+    command = f"{sys.executable} -m trajeval_ros.commands.evaluate tum {run[0]} {run[1]} | head -1"
+    result = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", command],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+# -- the other formats ---------------------------------------------------------------------------
+
+
+def test_euroc_and_kitti_give_what_tum_gives(run: tuple[Path, Path], tmp_path: Path) -> None:
+    truth = np.loadtxt(run[0])
+    stamps = [line.split()[0] for line in run[0].read_text(encoding="utf-8").splitlines()[1:]]
+    euroc = tmp_path / "data.csv"
+    euroc.write_text(
+        "#timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z\n"
+        + "".join(
+            f"{stamp.replace('.', '')},{','.join(map(repr, row[[1, 2, 3, 7, 4, 5, 6]].tolist()))}\n"
+            for stamp, row in zip(stamps, truth, strict=True)
+        ),
+        encoding="utf-8",
+    )
+    figures = {}
+    for name, arguments in (("tum", run), ("euroc", (euroc, run[1]))):
+        result = evaluate(name, *arguments, "--output", tmp_path / name)
+        assert result.returncode == 0, result.stderr
+        text = (tmp_path / name / "summary.json").read_text(encoding="utf-8")
+        figures[name] = json.loads(text)["relative"]
+    assert figures["euroc"] == pytest.approx(figures["tum"], rel=1e-9)
+
+    for path in run:
+        rows = np.loadtxt(path)
+        poses = se3.from_position_quaternion(rows[:, 1:4], rows[:, 4:])
+        np.savetxt(tmp_path / path.name, poses[:, :3].reshape(-1, 12))
+    np.savetxt(tmp_path / "times.txt", np.arange(10.0))
+    line = refused(
+        evaluate(
+            "kitti",
+            tmp_path / run[0].name,
+            tmp_path / run[1].name,
+            "--times",
+            tmp_path / "times.txt",
+        )
+    )
+    assert "10 stamps for the" in line
+
+
+def test_kitti(tmp_path: Path) -> None:
+    seconds = np.arange(0.0, 20.0, 0.1)
+    angle = 0.3 * seconds
+    poses = se3.exp(
+        np.stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle, 0 * angle, angle], axis=1)
+    )
+    noise = np.random.default_rng(0).normal(size=(len(seconds), 6)) * 0.01
+    for name, stack in (("gt", poses), ("est", se3.compose(poses, se3.exp(noise)))):
+        np.savetxt(tmp_path / f"{name}.txt", stack[:, :3].reshape(-1, 12))
+    np.savetxt(tmp_path / "times.txt", seconds)
+    result = evaluate(
+        "kitti", tmp_path / "gt.txt", tmp_path / "est.txt", "--times", tmp_path / "times.txt"
+    )
+    assert result.returncode == 0, result.stderr
+    assert f"{len(seconds):,} received" in result.stdout
