@@ -1,0 +1,266 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node: takes what has arrived, hands it to the engine in batches, publishes what comes out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from rclpy.clock import Clock, ROSClock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from trajeval_ros.files.output import OutputError
+from trajeval_ros.node import parameters
+from trajeval_ros.node.clock import JumpDetector, StampClock
+from trajeval_ros.node.figures import flatten
+from trajeval_ros.node.inputs import Input
+from trajeval_ros.node.monitor import Monitor
+from trajeval_ros.node.outputs import Outputs
+from trajeval_ros.node.session import Session
+from trajeval_ros.online.results import Notice, Results
+from trajeval_ros.online.samples import PoseSamples
+
+_BATCH_PERIOD = 0.02
+# The part of the time that batches, or the figures of the window, may take before they become rarer
+# and larger; what a batch costs grows slowly with its size.
+_SHARE = 0.1
+_LONGEST_BATCH_PERIOD = 0.1
+_LONGEST_METRICS_PERIOD = 2.0
+_DISCOVERY_PERIOD = 0.1
+_DIAGNOSTICS_PERIOD = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Boundary:
+    """The end of a run in stamps: what is later while the clock is not is left over from it."""
+
+    stamp: int
+
+
+class Evaluator(Node):
+    """Scores an estimated trajectory against ground truth while both arrive."""
+
+    def __init__(self) -> None:
+        """Declare, subscribe, advertise.
+
+        Raises
+        ------
+        ParameterError
+            For a parameter that is unknown, of the wrong type or out of range.
+        """
+        super().__init__("evaluator", automatically_declare_parameters_from_overrides=True)
+        values = parameters.declare(self)
+        self._ground_truth, self._estimate = (
+            Input(self, name, str(values[f"{name}.type"]), str(values[f"{name}.reliability"]))
+            for name in ("ground_truth", "estimate")
+        )
+        sources = {
+            "ground truth": self._ground_truth.state.topic,
+            "estimate": self._estimate.state.topic,
+        }
+        self._session = Session(values, sources)
+        parameters.watch(self, self._session.change)
+        self._outputs = Outputs(self)
+        self._monitor = Monitor(self, self._session)
+        self._stamp_clock = StampClock()
+        self._jumps = JumpDetector()
+        self._boundary: _Boundary | None = None
+        self._latest_evaluated: int | None = None
+        self._metrics_due = False
+        self._next_batch = self._next_metrics = 0.0
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/save", self._on_save)
+        # Not the ROS clock: that may stand still, or not be there yet.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_BATCH_PERIOD, self._on_batch, clock=steady)
+        self.create_timer(_DISCOVERY_PERIOD, self._on_discovery, clock=steady)
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
+        if self._session.error is not None:
+            self.get_logger().error(self._session.error)
+
+    def close(self) -> bool:
+        """Evaluate what is left, write the output folder; say whether that could be done."""
+        self._take_all()
+        self._publish(self._session.finish())
+        self._publish_metrics()
+        written = self._save() is not None
+        self._session.close()
+        return written
+
+    # ------------------------------------------------------------------------- timers, services
+
+    def _on_batch(self) -> None:
+        begin = time.monotonic()
+        if begin < self._next_batch:
+            return
+        self._process()
+        took = time.monotonic() - begin
+        self._monitor.note_batch(took)
+        self._next_batch = begin + min(took / _SHARE, _LONGEST_BATCH_PERIOD) - _BATCH_PERIOD / 2
+        if self._metrics_due and begin >= self._next_metrics:
+            before = time.monotonic()
+            self._publish_metrics()
+            cost = time.monotonic() - before
+            self._next_metrics = before + min(cost / _SHARE, _LONGEST_METRICS_PERIOD)
+
+    def _on_discovery(self) -> None:
+        # What the old subscription still holds would go with it.
+        self._process()
+        for each in (self._ground_truth, self._estimate):
+            each.discover()
+
+    def _on_diagnostics(self) -> None:
+        self._monitor.publish(
+            self._ground_truth.state, self._estimate.state, self._sim_time, self._ros_now()
+        )
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._process()
+        self._reset()
+        self.get_logger().info("reset on request")
+        response.success, response.message = True, "started over"
+        return response
+
+    def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._process()
+        written = self._save()
+        response.success = bool(written)
+        response.message = f"written to {written}" if written else self._why_not_written()
+        return response
+
+    def _why_not_written(self) -> str:
+        return self._session.error or "output.directory is not set"
+
+    # ------------------------------------------------------------------------------------- work
+
+    @property
+    def _sim_time(self) -> bool:
+        clock = self.get_clock()
+        return isinstance(clock, ROSClock) and clock.ros_time_is_active
+
+    def _ros_now(self) -> int | None:
+        """The ROS time in ns; None while there is no ``/clock`` yet."""
+        now = self.get_clock().now().nanoseconds
+        return int(now) if now > 0 else None
+
+    def _process(self) -> None:
+        """Take what has arrived, evaluate what can be, publish it."""
+        now = self._ros_now()
+        jumped = self._jumps.clock(now)
+        arrived = (self._take(self._ground_truth, 0), self._take(self._estimate, 1))
+        if jumped is not None and self._sim_time:
+            assert now is not None
+            self._boundary = _Boundary(now + jumped // 2)
+            before = tuple(self._split(samples)[1] for samples in arrived)
+            self._feed(before, now)
+            self._start_over(f"/clock jumped back by {jumped / 1e9:.1f} s")
+        elif self._jumps.stamps_jumped():
+            self._feed(arrived, now)
+            self._start_over("the stamps jumped back")
+            return
+        if self._boundary is not None:
+            if now is None or now > self._boundary.stamp:
+                self._boundary = None
+            else:
+                parts = [self._split(samples) for samples in arrived]
+                if jumped is None:
+                    self._monitor.note_left_over(sum(len(p[1]) for p in parts if p[1] is not None))
+                arrived = (parts[0][0], parts[1][0])
+        self._feed(arrived, now)
+
+    def _take(self, source: Input, topic: int) -> PoseSamples | None:
+        decoded = source.take()
+        if decoded is None:
+            return None
+        self._monitor.note_messages(topic, len(decoded.samples))
+        self._jumps.stamps(topic, decoded.samples.stamps)
+        return decoded.samples
+
+    def _take_all(self) -> None:
+        """Empty the queues."""
+        while True:
+            before = self._monitor.messages
+            self._process()
+            if self._monitor.messages == before:
+                return
+
+    def _split(self, samples: PoseSamples | None) -> tuple[PoseSamples | None, PoseSamples | None]:
+        """The samples of the new run and those left over from the run before."""
+        assert self._boundary is not None
+        if samples is None:
+            return None, None
+        old = samples.stamps > self._boundary.stamp
+        return _where(samples, ~old), _where(samples, old)
+
+    def _feed(self, arrived: tuple[PoseSamples | None, ...], now: int | None) -> None:
+        ground_truth, estimate = arrived
+        self._session.feed(ground_truth, estimate)
+        newest = [int(each.stamps[-1]) for each in arrived if each is not None and len(each)]
+        self._stamp_clock.note(newest, now)
+        self._publish(self._session.advance(self._stamp_clock.now(now)))
+
+    def _publish(self, results: Results) -> None:
+        for notice in results.notices:
+            self._log(notice)
+        if not len(results.evaluations):
+            return
+        body = self._ground_truth.child_frame or self._estimate.child_frame
+        self._outputs.publish(results, self._ground_truth.frame, body)
+        self._latest_evaluated = int(results.evaluations.stamps[-1])
+        self._metrics_due = True
+
+    def _publish_metrics(self) -> None:
+        if self._latest_evaluated is not None and self._outputs.metrics_wanted:
+            statuses = flatten(self._session.engine.summary())
+            self._outputs.publish_metrics(self._latest_evaluated, statuses)
+        self._metrics_due = False
+
+    def _log(self, notice: Notice) -> None:
+        logger = self.get_logger()
+        {"info": logger.info, "warning": logger.warning, "error": logger.error}[notice.level](
+            notice.text
+        )
+
+    def _start_over(self, why: str) -> None:
+        """Time has jumped back: end the run, keep its results, begin another."""
+        self._publish(self._session.finish())
+        self._publish_metrics()
+        self._monitor.note_jump()
+        kept = ""
+        try:
+            copy = self._session.archive()
+            kept = f"; the run so far is in {copy}" if copy else ""
+        except OutputError as error:
+            self.get_logger().error(str(error))
+        self.get_logger().warning(f"{why}: starting over{kept}")
+        self._reset()
+
+    def _reset(self) -> None:
+        self._session.reset()
+        self._stamp_clock = StampClock()
+        self._jumps.forget_stamps()
+        self._latest_evaluated = None
+        self._metrics_due = False
+        self._monitor.reset()
+
+    def _save(self) -> str | None:
+        """Write the output folder; its path, an empty string if there is none, None on failure."""
+        try:
+            path = self._session.save()
+        except OutputError as error:
+            self.get_logger().error(str(error))
+            return None
+        if path is not None:
+            self.get_logger().info(f"results written to {path}")
+        return str(path or "")
+
+
+def _where(samples: PoseSamples, mask: np.ndarray) -> PoseSamples:
+    covariances = None if samples.covariances is None else samples.covariances[mask]
+    return PoseSamples(
+        samples.stamps[mask], samples.positions[mask], samples.quaternions[mask], covariances
+    )

@@ -1,0 +1,43 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The summary's figures as the flat statuses of ``~/metrics``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+STATUSES = ("relative", "absolute", "window", "conventional")
+
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def flatten(summary: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Return the statuses with their keys and values, in plain snake_case.
+
+    Numbers are ``repr(float)``, so that every digit arrives; what is None or not finite is left
+    out. A figure below another, such as ``window: {relative: {chi2}}``, is ``relative_chi2``.
+    """
+    return {status: dict(_entries("", summary[status])) for status in STATUSES if status in summary}
+
+
+def _entries(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in figures.items():
+        if key == "alignment":
+            yield from _alignment(value)
+        elif isinstance(value, Mapping):
+            yield from _entries(f"{prefix}{key}_", value)
+        elif isinstance(value, str):
+            yield f"{prefix}{key}", value
+        elif value is not None and math.isfinite(value):
+            yield f"{prefix}{key}", repr(float(value))
+
+
+def _alignment(alignment: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The alignment's pose and scale; its covariance is for ``summary.json``."""
+    if alignment["pose"] is not None:
+        for name, value in zip(_POSE, alignment["pose"], strict=True):
+            yield f"alignment_{name}", repr(float(value))
+    if alignment["scale"] is not None:
+        yield "alignment_scale", repr(float(alignment["scale"]))

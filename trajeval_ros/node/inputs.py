@@ -1,0 +1,200 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The two input topics: found on the graph, subscribed to, and emptied in batches.
+
+The messages are not delivered by callbacks. A callback a message costs an executor 100 µs and more;
+taking a serialised message from the middleware costs 4 µs. So the subscriptions belong to a
+callback group that never executes, the middleware's queue is the queue, and the node's timer
+empties it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from trajeval_ros.node.decode import POSE_TYPES, Decoded, PoseType, decode
+from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan
+
+# Long enough for the seconds that learning the hyperparameters or writing the report may take.
+QUEUE_DEPTH = 10_000
+# A batch; what is beyond it waits for the next one, so that a flood does not starve the services.
+_MOST_MESSAGES = 5_000
+
+_KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()}
+_RELIABILITY = {
+    "reliable": ReliabilityPolicy.RELIABLE,
+    "best_effort": ReliabilityPolicy.BEST_EFFORT,
+}
+_DURABILITY = {
+    "volatile": DurabilityPolicy.VOLATILE,
+    "transient_local": DurabilityPolicy.TRANSIENT_LOCAL,
+}
+
+
+class _Polled(CallbackGroup):
+    """Keeps what belongs to it away from the executor."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class InputState:
+    """An input as the diagnostics show it."""
+
+    topic: str
+    publishers: tuple[Endpoint, ...]
+    plan: Plan
+    lost: int
+    undecodable: int
+    frame_changes: int
+
+
+class Input:
+    """One input topic.
+
+    The messages are numbered by their publisher, so that a loss is known to the message, as long as
+    there is one publisher (rclpy does not say which one a message is from).
+    """
+
+    def __init__(self, node: Node, name: str, type_name: str, reliability: str) -> None:
+        """Make the input ``name`` (a relative topic name, open to remapping)."""
+        self._node = node
+        self._name = name
+        self._type_name = type_name
+        self._reliability = reliability
+        self._topic = node.resolve_topic_name(name)
+        self._publishers: tuple[Endpoint, ...] = ()
+        self._plan = Plan(None, ())
+        self._subscription: Subscription | None = None
+        self._group = _Polled()
+        self._sequence: int | None = None
+        self._lost = 0
+        self._undecodable = 0
+        self._frame_changes = 0
+        self._frame: str | None = None
+        self.child_frame = ""
+        self.discover()
+
+    @property
+    def state(self) -> InputState:
+        """What the diagnostics need."""
+        return InputState(
+            self._topic,
+            self._publishers,
+            self._plan,
+            self._lost,
+            self._undecodable,
+            self._frame_changes,
+        )
+
+    @property
+    def frame(self) -> str:
+        """``frame_id`` of the newest message."""
+        return self._frame or ""
+
+    def discover(self) -> None:
+        """Look at the publishers, and subscribe in the way that suits them."""
+        self._publishers = tuple(
+            _endpoint(info) for info in self._node.get_publishers_info_by_topic(self._name)
+        )
+        before = self._plan.offer
+        self._plan = plan(
+            self._topic, self._publishers, self._type_name, self._reliability, _KNOWN, before
+        )
+        if self._plan.offer != before:
+            self._subscribe(self._plan.offer)
+
+    def _subscribe(self, offer: Offer | None) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+        self._sequence = None
+        if offer is None:
+            return
+        self._subscription = self._node.create_subscription(
+            POSE_TYPES[offer.type_name].message,
+            self._name,
+            _never,
+            QoSProfile(
+                depth=QUEUE_DEPTH,
+                reliability=_RELIABILITY[offer.reliability],
+                durability=_DURABILITY[offer.durability],
+            ),
+            callback_group=self._group,
+            raw=True,
+        )
+        self._node.get_logger().info(
+            f"listening to {self._topic}: {offer.type_name}, "
+            f"{offer.reliability.replace('_', ' ')}, {offer.durability.replace('_', ' ')}"
+        )
+
+    def take(self) -> Decoded | None:
+        """Return what has come since the last call, or None."""
+        offer = self._plan.offer
+        if self._subscription is None or offer is None:
+            return None
+        pose_type = POSE_TYPES[offer.type_name]
+        messages = self._drain(self._subscription, pose_type)
+        if not messages:
+            return None
+        decoded = decode(pose_type, messages)
+        self._undecodable += decoded.undecodable
+        if len(decoded.samples):
+            self._note_frames(decoded)
+        return decoded
+
+    def _drain(self, subscription: Subscription, pose_type: PoseType) -> list[bytes]:
+        messages: list[bytes] = []
+        with subscription.handle:
+            take = subscription.handle.take_message
+            while len(messages) < _MOST_MESSAGES:
+                taken = take(pose_type.message, True)
+                if taken is None:
+                    break
+                messages.append(taken[0])
+                self._count_lost(taken[1]["publication_sequence_number"])
+        return messages
+
+    def _count_lost(self, sequence: int | None) -> None:
+        if sequence is None or len(self._publishers) != 1:
+            self._sequence = None
+            return
+        # It starts over where the publisher does.
+        if self._sequence is not None and sequence > self._sequence:
+            self._lost += sequence - self._sequence - 1
+        self._sequence = sequence
+
+    def _note_frames(self, decoded: Decoded) -> None:
+        if self._frame is not None and decoded.frame != self._frame:
+            self._frame_changes += 1
+        self._frame = decoded.frame
+        self.child_frame = decoded.child_frame
+
+
+def _never(message: bytes) -> None:
+    raise AssertionError("the executor must not deliver the messages of an input")
+
+
+def _endpoint(info: Any) -> Endpoint:
+    qos = info.qos_profile
+    best_effort = qos.reliability == ReliabilityPolicy.BEST_EFFORT
+    latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return Endpoint(
+        f"{info.node_namespace.rstrip('/')}/{info.node_name}",
+        info.topic_type,
+        "best_effort" if best_effort else "reliable",
+        "transient_local" if latched else "volatile",
+    )

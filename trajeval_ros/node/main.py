@@ -1,0 +1,65 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``evaluator``: the node as a process."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+
+DONE = 0
+NOT_WRITTEN = 1
+WRONG_USAGE = 2
+
+USAGE = """\
+usage: evaluator [--help] [--ros-args -r estimate:=TOPIC -r ground_truth:=TOPIC
+                  -p NAME:=VALUE --params-file FILE ...]
+
+Scores an estimated trajectory against ground truth while both arrive.
+Ends on Ctrl-C; writes its results where the parameter output.directory says."""
+
+
+class Stop:
+    """Whether the process is to end. A second signal does not disturb what the first began."""
+
+    def __init__(self) -> None:
+        """Answer SIGINT and SIGTERM from now on."""
+        self.requested = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._request)
+
+    def _request(self, number: int, frame: FrameType | None) -> None:
+        self.requested = True
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    arguments = list(sys.argv if argv is None else argv)
+    if "--help" in arguments[1:] or "-h" in arguments[1:]:
+        sys.stdout.write(USAGE + "\n")
+        return DONE
+    # Before the libraries load, which takes a second: a signal in that second counts too.
+    stop = Stop()
+    try:
+        from trajeval_ros.node.process import run
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("trajeval_ros"):
+            raise
+        return fail(
+            f"ROS 2 is missing ({error}); source ROS 2, or: python3 -m pip install"
+            " 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces",
+            WRONG_USAGE,
+        )
+    return run(arguments, stop)
+
+
+def fail(message: str, code: int) -> int:
+    """Say in one line what is wrong, and return the exit code."""
+    sys.stderr.write(f"evaluator: error: {message}\n")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,177 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Keeps the counts that the diagnostics need over a period, and publishes them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from trajeval_ros.node.diagnostics import (
+    ClockState,
+    Load,
+    Status,
+    Traffic,
+    check_clock,
+    check_consistency,
+    check_performance,
+    check_synchronization,
+    check_topic,
+)
+from trajeval_ros.node.inputs import InputState
+from trajeval_ros.node.session import Session
+from trajeval_ros.online.results import TopicHealth
+
+_TITLES = ("ground truth", "estimate")
+
+
+class _Count:
+    """What came on one topic."""
+
+    def __init__(self) -> None:
+        self.messages = 0
+        self.last: float | None = None
+        self.before = 0
+        self.lost_before = 0
+        self.rejected_before: Mapping[str, int] = {}
+
+
+class Monitor:
+    """The publisher of ``/diagnostics``. Its periods are on the steady clock."""
+
+    def __init__(self, node: Node, session: Session) -> None:
+        """Advertise ``/diagnostics``."""
+        self._node = node
+        self._session = session
+        self._publisher = node.create_publisher(
+            DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
+        )
+        self._prefix = node.get_fully_qualified_name().removeprefix("/")
+        self._topics = (_Count(), _Count())
+        self._jumps = 0
+        self._left_over = 0
+        self._longest_batch = 0.0
+        self._evaluated_before = 0
+        self._published = time.monotonic()
+        self._processor = time.process_time()
+        self._clock: int | None = None
+        self._clock_moved = time.monotonic()
+
+    @property
+    def messages(self) -> int:
+        """Messages taken so far."""
+        return sum(count.messages for count in self._topics)
+
+    def note_messages(self, topic: int, number: int) -> None:
+        """Messages have come on topic 0 (ground truth) or 1 (estimate)."""
+        count = self._topics[topic]
+        count.messages += number
+        count.last = time.monotonic()
+
+    def note_batch(self, seconds: float) -> None:
+        """A batch has taken this long."""
+        self._longest_batch = max(self._longest_batch, seconds)
+
+    def note_jump(self) -> None:
+        """Time has jumped back."""
+        self._jumps += 1
+
+    def note_left_over(self, number: int) -> None:
+        """Messages of the run before a jump came after it."""
+        self._left_over += number
+
+    def reset(self) -> None:
+        """The engine's counts start over."""
+        self._evaluated_before = 0
+        for count in self._topics:
+            count.rejected_before = {}
+
+    def publish(
+        self, truth: InputState, estimate: InputState, sim_time: bool, now: int | None
+    ) -> None:
+        """Publish the node's health of the period since the last call; ``now`` on the ROS clock."""
+        steady, processor = time.monotonic(), time.process_time()
+        period = max(steady - self._published, 1e-3)
+        health = self._session.engine.health()
+        values = self._session.engine.parameters
+        statuses = [
+            self._check_topic(0, truth, health.ground_truth, "used", period),
+            self._check_topic(1, estimate, health.estimate, "evaluated", period),
+            check_synchronization(
+                health,
+                _nanoseconds(values["estimate.time_offset"]),
+                sum(
+                    _nanoseconds(values[name])
+                    for name in ("ground_truth.max_gap", "ground_truth.lag", "max_wait")
+                ),
+            ),
+            check_clock(self._clock_state(sim_time, now, steady), health),
+            check_consistency(health),
+            check_performance(
+                Load(
+                    processor=(processor - self._processor) / period,
+                    longest_batch=self._longest_batch,
+                    evaluated_rate=(health.estimate.used - self._evaluated_before) / period,
+                    output_error=self._session.error,
+                )
+            ),
+        ]
+        self._published, self._processor = steady, processor
+        self._longest_batch, self._evaluated_before = 0.0, health.estimate.used
+        self._send(statuses)
+
+    def _check_topic(
+        self, topic: int, state: InputState, health: TopicHealth, used: str, period: float
+    ) -> Status:
+        count = self._topics[topic]
+        silence = None if count.last is None else time.monotonic() - count.last
+        rejected = {
+            reason: number - count.rejected_before.get(reason, 0)
+            for reason, number in health.rejected.items()
+            if number > count.rejected_before.get(reason, 0)
+        }
+        traffic = Traffic(
+            (count.messages - count.before) / period,
+            silence,
+            rejected,
+            state.lost - count.lost_before,
+        )
+        count.before, count.lost_before = count.messages, state.lost
+        count.rejected_before = dict(health.rejected)
+        return check_topic(_TITLES[topic], state, health, traffic, used)
+
+    def _clock_state(self, sim_time: bool, now: int | None, steady: float) -> ClockState:
+        if now != self._clock:
+            self._clock, self._clock_moved = now, steady
+        return ClockState(
+            sim_time,
+            now,
+            self._node.count_publishers("/clock"),
+            steady - self._clock_moved,
+            self._jumps,
+            self._left_over,
+        )
+
+    def _send(self, statuses: list[Status]) -> None:
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status = [
+            DiagnosticStatus(
+                level=bytes([status.level]),
+                name=f"{self._prefix}: {status.name}",
+                message=status.message,
+                hardware_id=self._prefix,
+                values=[KeyValue(key=k, value=v) for k, v in status.values.items()],
+            )
+            for status in statuses
+        ]
+        self._publisher.publish(message)
+
+
+def _nanoseconds(seconds: object) -> int:
+    assert isinstance(seconds, float)
+    return round(seconds * 1e9)

@@ -1,0 +1,125 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is published for each evaluated estimate.
+
+rclpy does not check types: an int or a NumPy scalar in a field of float64 goes out as another
+number. So every field is given a Python float.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64
+
+from trajeval_ros import se3
+from trajeval_ros.online.results import Evaluations, Results
+
+Array = npt.NDArray[np.float64]
+
+_SECOND = 1_000_000_000
+# A reader that is slower than this loses the oldest messages; the node does not wait for it.
+_QUALITY = QoSProfile(depth=100)
+# Name of the body frame in the error vectors where no message gives one.
+_BODY = "body"
+
+
+def time_message(stamp: int) -> Time:
+    """Return a stamp in ns as a message."""
+    return Time(sec=stamp // _SECOND, nanosec=stamp % _SECOND)
+
+
+class Outputs:
+    """The publishers of the figures, the errors and the ground truth's answer."""
+
+    def __init__(self, node: Node) -> None:
+        """Advertise the topics below the node's own name."""
+
+        def publisher(kind: type, topic: str) -> Publisher:
+            return node.create_publisher(kind, topic, _QUALITY)
+
+        self._relative = publisher(Float64, "~/relative/log_likelihood")
+        self._absolute = publisher(Float64, "~/absolute/log_likelihood")
+        self._metrics = publisher(DiagnosticArray, "~/metrics")
+        self._pose = publisher(PoseWithCovarianceStamped, "~/ground_truth/pose")
+        self._errors = {
+            (which, part): publisher(Vector3Stamped, f"~/{which}/{part}_error")
+            for which in ("relative", "absolute")
+            for part in ("translation", "rotation")
+        }
+
+    def publish(self, results: Results, frame: str, body_frame: str) -> None:
+        """Publish what a batch of evaluated estimates brought; nobody's topics cost nothing."""
+        evaluations = results.evaluations
+        if not len(evaluations):
+            return
+        for value in _heard(self._relative, evaluations.relative_log_likelihood):
+            self._relative.publish(Float64(data=float(value)))
+        if results.absolute_log_likelihood is not None:
+            self._absolute.publish(Float64(data=float(results.absolute_log_likelihood)))
+        stamps = [time_message(stamp) for stamp in evaluations.stamps.tolist()]
+        body_frame = body_frame or _BODY
+        self._publish_errors("relative", stamps, evaluations.relative_error, body_frame)
+        self._publish_errors("absolute", stamps, evaluations.absolute_error, body_frame)
+        self._publish_poses(stamps, evaluations, frame)
+
+    def _publish_errors(
+        self, which: str, stamps: Sequence[Time], errors: Array, frame: str
+    ) -> None:
+        """Publish the (n, 6) errors' two halves; a pose without an error has none."""
+        for part, values in (("translation", errors[:, :3]), ("rotation", errors[:, 3:])):
+            publisher = self._errors[which, part]
+            for stamp, (x, y, z) in zip(stamps, _heard(publisher, values), strict=False):
+                if x == x:  # not NaN
+                    message = Vector3Stamped()
+                    message.header.stamp, message.header.frame_id = stamp, frame
+                    message.vector.x, message.vector.y, message.vector.z = x, y, z
+                    publisher.publish(message)
+
+    def _publish_poses(self, stamps: Sequence[Time], evaluations: Evaluations, frame: str) -> None:
+        if not self._pose.get_subscription_count():
+            return
+        poses = evaluations.ground_truth
+        positions, quaternions = se3.to_position_quaternion(poses)
+        covariances = se3.covariance_to_fixed_axes(evaluations.covariance, poses)
+        rows = zip(stamps, positions.tolist(), quaternions.tolist(), covariances, strict=True)
+        for stamp, position, quaternion, covariance in rows:
+            message = PoseWithCovarianceStamped()
+            message.header.stamp, message.header.frame_id = stamp, frame
+            at, turned = message.pose.pose.position, message.pose.pose.orientation
+            at.x, at.y, at.z = position
+            turned.x, turned.y, turned.z, turned.w = quaternion
+            message.pose.covariance = covariance.ravel()
+            self._pose.publish(message)
+
+    @property
+    def metrics_wanted(self) -> bool:
+        """Whether somebody listens to ``~/metrics``."""
+        return bool(self._metrics.get_subscription_count())
+
+    def publish_metrics(self, stamp: int, statuses: Mapping[str, Mapping[str, str]]) -> None:
+        """Publish the running figures, under the stamp (ns) of the newest evaluated estimate."""
+        message = DiagnosticArray()
+        message.header.stamp = time_message(stamp)
+        message.status = [
+            DiagnosticStatus(
+                level=DiagnosticStatus.OK,
+                name=name,
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+            for name, values in statuses.items()
+        ]
+        self._metrics.publish(message)
+
+
+def _heard(publisher: Publisher, values: Array) -> list:
+    """The values as Python floats, or nothing where nobody listens."""
+    return values.tolist() if publisher.get_subscription_count() else []

@@ -1,0 +1,156 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters from the engine's table: declared, described, ranged, refused with a reason."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from trajeval_ros.online.parameters import (
+    PARAMETERS,
+    Parameter,
+    ParameterError,
+    Value,
+    complete,
+)
+
+# Parameters that rclpy itself declares on every node.
+_RCLPY = ("use_sim_time", "start_type_description_service")
+_LARGEST_INTEGER = 2**63 - 1
+_TYPES = {
+    bool: ParameterType.PARAMETER_BOOL,
+    int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE,
+    str: ParameterType.PARAMETER_STRING,
+    tuple: ParameterType.PARAMETER_DOUBLE_ARRAY,
+}
+
+Change = Callable[[str, Value], None]
+"""Puts a changed parameter into effect; raises ParameterError to refuse it."""
+
+
+def declare(node: Node) -> dict[str, Value]:
+    """Declare every parameter on ``node`` and return the values.
+
+    ``node`` must have been made with ``automatically_declare_parameters_from_overrides``: so every
+    override is known here, also one that no parameter answers to, and an integer where a floating
+    point number is expected (``ground_truth.max_gap: 20``) can be taken as what is meant.
+
+    Raises
+    ------
+    ParameterError
+        For an override that is unknown, of the wrong type or out of range.
+    """
+    names = node.list_parameters([], 0).names
+    overrides = {parameter.name: parameter.value for parameter in node.get_parameters(names)}
+    sim_time = overrides.get("use_sim_time")
+    if not isinstance(sim_time, bool):
+        raise ParameterError(f"use_sim_time must be a bool, got {sim_time!r}")
+    ours = {name: value for name, value in overrides.items() if name not in _RCLPY}
+    values = complete(ours)
+    for name in ours:
+        node.undeclare_parameter(name)
+    for name, parameter in PARAMETERS.items():
+        node.declare_parameter(
+            name, ros_value(values[name]), describe(parameter), ignore_override=True
+        )
+    return values
+
+
+def watch(node: Node, change: Change) -> None:
+    """Let ``change`` answer every attempt to change a parameter of ours at run time."""
+
+    def convert(parameters: list[RosParameter]) -> list[RosParameter]:
+        return [_as_declared(parameter) for parameter in parameters]
+
+    def answer(parameters: Iterable[RosParameter]) -> SetParametersResult:
+        ours = [(PARAMETERS[p.name], p.value) for p in parameters if p.name in PARAMETERS]
+        try:
+            checked = [(each.name, each.validate(value)) for each, value in ours]
+            for name, value in checked:
+                change(name, value)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_pre_set_parameters_callback(convert)
+    node.add_on_set_parameters_callback(answer)
+
+
+def _as_declared(parameter: RosParameter) -> RosParameter:
+    """An integer, where it is set, as the floating point number that is declared."""
+    known = PARAMETERS.get(parameter.name)
+    if (
+        known is not None
+        and isinstance(known.default, float)
+        and parameter.type_ == RosParameter.Type.INTEGER
+    ):
+        return RosParameter(parameter.name, RosParameter.Type.DOUBLE, float(parameter.value))
+    return parameter
+
+
+def ros_value(value: Value) -> bool | int | float | str | list[float]:
+    """Return the value as rclpy takes it."""
+    return list(value) if isinstance(value, tuple) else value
+
+
+def describe(parameter: Parameter) -> ParameterDescriptor:
+    """Return the descriptor that ``ros2 param describe`` shows."""
+    descriptor = ParameterDescriptor(
+        name=parameter.name,
+        type=_TYPES[type(parameter.default)],
+        description=_description(parameter),
+        additional_constraints=constraints(parameter),
+        read_only=not parameter.dynamic,
+    )
+    if parameter.lower is None and parameter.above is None and parameter.upper is None:
+        return descriptor
+    least = parameter.above if parameter.lower is None else parameter.lower
+    if isinstance(parameter.default, int):
+        descriptor.integer_range = [
+            IntegerRange(
+                from_value=-_LARGEST_INTEGER if least is None else int(least),
+                to_value=_LARGEST_INTEGER if parameter.upper is None else int(parameter.upper),
+                step=0,
+            )
+        ]
+    else:
+        descriptor.floating_point_range = [
+            FloatingPointRange(
+                from_value=-sys.float_info.max if least is None else float(least),
+                to_value=sys.float_info.max if parameter.upper is None else float(parameter.upper),
+                step=0.0,
+            )
+        ]
+    return descriptor
+
+
+def _description(parameter: Parameter) -> str:
+    return (
+        f"{parameter.description} [{parameter.unit}]" if parameter.unit else (parameter.description)
+    )
+
+
+def constraints(parameter: Parameter) -> str:
+    """Return what a value must be, in words: a descriptor's range cannot exclude its bounds."""
+    words = []
+    if parameter.choices:
+        words.append("one of " + ", ".join(parameter.choices))
+    if parameter.lower is not None:
+        words.append(f"at least {parameter.lower!r}")
+    if parameter.above is not None:
+        words.append(f"above {parameter.above!r}")
+    if parameter.upper is not None:
+        words.append(f"at most {parameter.upper!r}")
+    return ", ".join(words)

@@ -1,0 +1,58 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The life of the node's process: ROS up, spin, results written, ROS down."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import ok, remove_ros_args, try_shutdown
+
+from trajeval_ros.node.evaluator import Evaluator
+from trajeval_ros.node.main import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail
+from trajeval_ros.online.parameters import ParameterError
+
+# A signal is seen at the latest after this, s.
+_ATTENTION = 0.1
+
+
+def run(arguments: Sequence[str], stop: Stop) -> int:
+    """Run the node until ``stop`` is requested or ROS is shut down; return the exit code."""
+    try:
+        # Our own signal handlers: rclpy's would take ROS down before the results are published.
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # noqa: BLE001 (rclpy has several types for wrong arguments)
+        return fail(_first_line(error), WRONG_USAGE)
+    try:
+        return _run(remove_ros_args(list(arguments))[1:], stop)
+    finally:
+        try_shutdown()
+
+
+def _run(others: Sequence[str], stop: Stop) -> int:
+    if others:
+        return fail(f"unknown argument {others[0]} (ROS arguments follow --ros-args)", WRONG_USAGE)
+    try:
+        node = Evaluator()
+    except ParameterError as error:
+        return fail(str(error), WRONG_USAGE)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        while not stop.requested and ok():
+            executor.spin_once(timeout_sec=_ATTENTION)
+    except ExternalShutdownException:
+        pass  # somebody has shut ROS down: the results are written all the same
+    written = node.close()
+    executor.shutdown()
+    node.destroy_node()
+    return DONE if written else NOT_WRITTEN
+
+
+def _first_line(error: Exception) -> str:
+    """The message without the places in rcl's source that it ends with."""
+    return re.sub(r", at [^ ,]+:\d+", "", str(error)).strip().splitlines()[0]
