@@ -65,8 +65,10 @@ def sparkline(values: Sequence[float], width: int) -> str:
     """Return the values as a row of bars, from the smallest to the largest of them."""
     if not values:
         return ""
-    step = max(len(values) / width, 1.0)
-    shown = [values[min(int(i * step), len(values) - 1)] for i in range(min(width, len(values)))]
+    count = min(width, len(values))
+    # From the first to the last of them.
+    step = (len(values) - 1) / max(count - 1, 1)
+    shown = [values[round(index * step)] for index in range(count)]
     shown[-1] = values[-1]
     low, high = min(shown), max(shown)
     scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0

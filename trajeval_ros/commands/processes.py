@@ -46,7 +46,7 @@ class Child:
             self._process.kill()
             return self._process.wait()
 
-    def last_words(self, lines: int = 3) -> str:
+    def last_words(self, lines: int = 1) -> str:
         """Return the end of its log, on one line."""
         text = self.log.read_text(encoding="utf-8", errors="replace")
         return " / ".join(text.strip().splitlines()[-lines:]) or "(it printed nothing)"

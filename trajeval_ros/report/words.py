@@ -47,7 +47,7 @@ def length(metres: float | None) -> str:
     for unit, size in (("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
         if metres >= size:
             return f"{metres / size:.3g} {unit}"
-    return f"{metres * 1000:.2g} mm"
+    return f"{metres * 1000:.3g} mm"
 
 
 def angle(radians: float | None) -> str:
@@ -311,11 +311,10 @@ def model(run: Run) -> list[Row]:
     source = "learned from the first segments" if learned else "as set by parameter"
     for group, show in (("translation", length), ("rotation", angle)):
         values = hyperparameters[group]
-        rows += [
-            (f"{group.capitalize()}: signal", show(values["signal_std"]), source),
-            (f"{group.capitalize()}: length scale", f"{values['length_scale']:.3g} s", ""),
-            (f"{group.capitalize()}: noise", show(values["noise_std"]), "of one sample"),
-        ]
+        for part in values.get("components", [values]):
+            scale = f"{show(part['signal_std'])} over {part['length_scale']:.3g} s"
+            rows.append((f"{group.capitalize()}, signal", scale, source))
+        rows.append((f"{group.capitalize()}, noise", show(values["noise_std"]), "of one sample"))
     return rows
 
 

@@ -1,0 +1,78 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The live view, without a node."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trajeval_ros.commands.live import TRENDS, Health, PlainView, State, render, sparkline
+
+
+def running() -> State:
+    state = State(first=100.0, last=180.0, phase="replaying 2x", stamp=120.0, messages=400)
+    state.metrics = {
+        "relative": {"log_likelihood": -123456.7, "chi2_per_dof": 12.5, "translation_rmse": 0.004},
+        "absolute": {"log_likelihood": -123400.1},
+        "window": {"relative_log_likelihood": -6000.0},
+        "conventional": {"ate_translation_rmse": 0.0213, "ate_rotation_rmse": 0.01},
+    }
+    state.health = {"ground truth": Health(1, "dropout of 2.5 s")}
+    for value in range(50):
+        for status, key in TRENDS:
+            state.remember(f"{status}/{key}", float(value))
+    return state
+
+
+@given(st.lists(st.floats(-1e12, 1e12), min_size=1, max_size=300), st.integers(1, 60))
+def test_sparkline_spans_its_bars(values: list[float], width: int) -> None:
+    line = sparkline(values, width)
+    assert 1 <= len(line) <= width
+    assert set(line) <= set("▁▂▃▄▅▆▇█")
+
+
+def test_sparkline_rises() -> None:
+    assert sparkline([float(value) for value in range(80)], 8) == "▁▂▃▄▅▆▇█"
+    assert sparkline([], 8) == ""
+
+
+def test_progress_is_a_share() -> None:
+    assert running().progress() == pytest.approx(0.25)
+    assert State(first=0.0, last=0.0, stamp=3.0).progress() == 0.0
+
+
+def test_what_is_not_finite_has_no_trend() -> None:
+    state = State(first=0.0, last=1.0)
+    state.remember("a", float("nan"))
+    state.remember("a", None)
+    assert state.trends == {}
+
+
+def test_plain_view_prints_the_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    view = PlainView()
+    state = running()
+    view.show(state)
+    view._next = 0.0
+    view.show(state)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "replaying 2x ..."
+    for text in (" 25 %", "-123,457 nats", "12.5", "0.0213 m", "WARN: dropout of 2.5 s"):
+        assert text in lines[1]
+
+
+def test_screen_shows_figures_trends_and_health() -> None:
+    rich_console = pytest.importorskip("rich.console")
+    console = rich_console.Console(width=110, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(render(running()))
+    text = console.export_text()
+    for expected in ("replaying 2x", "-123,457", "0.0213 m", "WARN", "dropout of 2.5 s", "20 s of"):
+        assert expected in text
+    assert "▁" in text
+    assert "█" in text
+
+
+def test_screen_before_anything_is_known() -> None:
+    rich_console = pytest.importorskip("rich.console")
+    console = rich_console.Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(render(State(first=0.0, last=10.0)))
+    assert "starting the node" in console.export_text()

@@ -1,0 +1,138 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``replay`` over real DDS, into a subscriber in another process."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trajeval_ros.commands.replay import split_ros_arguments
+from trajeval_ros.commands.simulate import write_files
+from trajeval_ros.files.tum import read_tum
+
+ROOT = Path(__file__).resolve().parents[2]
+LISTENER = Path(__file__).with_name("listener.py")
+
+ros = pytest.mark.ros
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        "ROS_DOMAIN_ID": str(20 + os.getpid() % 80),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return write_files(tmp_path_factory.mktemp("run"), 12.0, 3)
+
+
+def start(environment: dict[str, str], *arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+def replay(environment: dict[str, str], *arguments: object) -> subprocess.Popen[str]:
+    return start(environment, "-m", "trajeval_ros.commands.replay", *arguments)
+
+
+@ros
+def test_every_message_arrives_once_and_exactly(
+    run: tuple[Path, Path], environment: dict[str, str]
+) -> None:
+    expected = {"ground_truth": read_tum(run[0]), "estimate": read_tum(run[1])}
+    total = sum(map(len, expected.values()))
+    listener = start(environment, LISTENER, "/mocap", "/odom", total, 30)
+    player = replay(
+        environment,
+        *("tum", *run, "--rate", 6, "--frame-id", "map"),
+        *("--ros-args", "-r", "ground_truth:=/mocap", "-r", "estimate:=/odom"),
+    )
+    output, errors = player.communicate(timeout=60)
+    heard: dict[str, Any] = json.loads(listener.communicate(timeout=60)[0])
+    assert player.returncode == 0, errors
+    counts = f"ground_truth {len(expected['ground_truth'])}, estimate {len(expected['estimate'])}"
+    assert output.startswith(f"published {counts} in ")
+    assert output.strip().endswith("all acknowledged")
+    for name, frame in (("ground_truth", "map"), ("estimate", "odom")):
+        trajectory = expected[name]
+        assert [message[0] for message in heard[name]] == trajectory.stamps.tolist()
+        assert {message[1] for message in heard[name]} == {frame}
+        assert [message[2] for message in heard[name]] == trajectory.positions.tolist()
+        assert [message[3] for message in heard[name]] == trajectory.quaternions.tolist()
+    clock = np.array(heard["clock"])
+    assert np.all(np.diff(clock) >= 0)
+    stamps = np.concatenate([expected["ground_truth"].stamps, expected["estimate"].stamps])
+    assert stamps.min() <= clock[0]
+    assert clock[-1] == stamps.max()
+    # no hole in the clock, not even in a dropout of 4 s
+    assert np.diff(clock).max() < 1.5e9
+
+
+@ros
+def test_nobody_listens(run: tuple[Path, Path], environment: dict[str, str]) -> None:
+    player = replay(environment, "tum", *run, "--wait", 0.5)
+    output, errors = player.communicate(timeout=30)
+    assert player.returncode == 1
+    assert output == ""
+    assert errors.strip() == (
+        "replay: error: nobody subscribes to /ground_truth and /estimate (waited 0.5 s)"
+    )
+
+
+@ros
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_well(
+    signal_number: int, run: tuple[Path, Path], environment: dict[str, str]
+) -> None:
+    player = replay(environment, "tum", *run, "--wait", 0, "--loop", "--rate", 50)
+    time.sleep(2.0)
+    player.send_signal(signal_number)
+    output, errors = player.communicate(timeout=10)
+    assert player.returncode == 0, errors
+    assert "Traceback" not in errors
+    # 12 s of data at 50 times their speed, again and again
+    published = int(output.split("estimate ")[1].split()[0])
+    assert published > len(read_tum(run[1]))
+    assert output.strip().endswith("interrupted")
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--rate", "0"), ("--rate", "fast"), ("--wait", "-1")]
+)
+def test_wrong_usage(option: str, value: str, run: tuple[Path, Path]) -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "trajeval_ros.commands.replay", "tum", *run, option, value],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert result.returncode == 2
+    assert option in result.stderr
+
+
+def test_ros_arguments_are_ros() -> None:
+    argv = ["tum", "a", "--ros-args", "-r", "x:=y", "--", "b", "--rate", "2"]
+    assert split_ros_arguments(argv) == (
+        ["tum", "a", "b", "--rate", "2"],
+        ["--ros-args", "-r", "x:=y"],
+    )
