@@ -330,6 +330,9 @@ def steps_likelihood(error: Array, adjoint: Array, covariance: Array) -> Gaussia
 
     The factor L of the explicit ``Q V Q^T`` gives ``x = (L L^T)^-1 e``, and then
     ``chi2 = 2 e^T x - (Q^T x)^T V (Q^T x)``, which is off only to second order in the error of L.
+    The log-determinant is off to first order: by 1e-11 of itself at most in 30 s of real data, by
+    1e-8 where covariances differ by six orders of magnitude from pose to pose. `RunningRelative`
+    does not lose these digits, and takes ten times as long.
 
     Raises CovarianceError as `RunningRelative.update`.
     """
