@@ -117,8 +117,9 @@ class Progress:
         self._next = self._start + (0.3 if self._terminal else 2.0)
         self._drawn = False
 
-    def update(self, done: int) -> None:
-        """Draw, if it is time to."""
+    def update(self, done: int, total: int | None = None) -> None:
+        """Draw, if it is time to; ``total`` where it was not known before."""
+        self._total = self._total if total is None else total
         now = time.monotonic()
         if now < self._next:
             return

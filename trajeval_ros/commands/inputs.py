@@ -7,11 +7,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.commands.console import CommandError
+from trajeval_ros.commands.console import CommandError, Progress, UsageError
+from trajeval_ros.commands.figures import table
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 
 SECOND = 1_000_000_000
@@ -45,7 +47,17 @@ def add_formats(
     )
     _add_files(kitti, "GROUND_TRUTH", "ESTIMATE")
     kitti.add_argument("--times", required=True, metavar="TIMES", help="the stamps, one a row, s")
-    for each in (tum, euroc, kitti):
+    bag = formats.add_parser(
+        "bag",
+        help="two topics of a bag: ROS 1, or ROS 2 (a folder, sqlite3, mcap); by header stamps",
+        allow_abbrev=False,
+    )
+    bag.add_argument("bag", metavar="BAG", help="file or folder; without topics: lists them")
+    for option in ("ground-truth", "estimate"):
+        bag.add_argument(
+            f"--{option}", metavar="TOPIC", help="a topic, or /tf:PARENT.CHILD for a transform"
+        )
+    for each in (tum, euroc, kitti, bag):
         add_options(each)
 
 
@@ -91,10 +103,38 @@ def _read_kitti(arguments: argparse.Namespace) -> Inputs:
     )
 
 
+def _read_bag(arguments: argparse.Namespace) -> Inputs:
+    from trajeval_ros.files.bag import read_bag
+
+    topics = (arguments.ground_truth, arguments.estimate)
+    with Progress("reading", 0, "messages") as progress:
+        if None in topics:
+            _list_candidates(arguments.bag, progress)
+        ground_truth, estimate = read_bag(arguments.bag, topics, progress.update)
+    return Inputs(ground_truth, estimate)
+
+
+def _list_candidates(bag: str, progress: Progress) -> NoReturn:
+    """Print the topics that hold a trajectory, and ask for two of them."""
+    from trajeval_ros.files.bag import list_candidates
+
+    candidates = list_candidates(bag, progress.update)
+    if not candidates:
+        raise CommandError(f"{bag}: no topic in it holds a trajectory")
+    rows = [("topic", "type", "count", "rate")]
+    rows += [
+        (c.topic, c.message_type, f"{c.count:,}", "-" if c.rate is None else f"{c.rate:.1f} Hz")
+        for c in candidates
+    ]
+    print("\n".join(table(rows, left=2)), flush=True)
+    raise UsageError("name two of these topics with --ground-truth and --estimate")
+
+
 _READERS: dict[str, Callable[[argparse.Namespace], Inputs]] = {
     "tum": _read_tum,
     "euroc": _read_euroc,
     "kitti": _read_kitti,
+    "bag": _read_bag,
 }
 
 

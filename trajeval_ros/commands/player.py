@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
@@ -42,6 +42,7 @@ _CLOCK_INTERVAL = 0.001
 class Player:
     """A node that publishes ``ground_truth``, ``estimate`` and ``/clock``.
 
+    Poses that come with covariances are PoseWithCovarianceStamped, the others PoseStamped.
     ``time_offset`` in seconds is added to the estimate's stamps to find when it comes, not to the
     stamps that are published.
     """
@@ -75,12 +76,16 @@ class Player:
         signal.signal(signal.SIGTERM, _interrupt)
         self._node = rclpy.create_node("replay", context=self._context)
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        kinds = [
+            PoseStamped if each.covariances is None else PoseWithCovarianceStamped
+            for each in self._topics
+        ]
         self._publishers: list[Publisher] = [
-            self._node.create_publisher(PoseStamped, name, qos)
-            for name in ("ground_truth", "estimate")
+            self._node.create_publisher(kind, name, qos)
+            for kind, name in zip(kinds, ("ground_truth", "estimate"), strict=True)
         ]
         self._clock = self._node.create_publisher(Clock, "/clock", 10) if clock else None
-        self._messages = [PoseStamped(), PoseStamped()]
+        self._messages = [kind() for kind in kinds]
         for message, frame in zip(self._messages, frames, strict=True):
             message.header.frame_id = frame
         self._published = [0, 0]
@@ -149,7 +154,12 @@ class Player:
     def _publish(self, topic: int, row: int) -> None:
         message = self._messages[topic]
         message.header.stamp = _time(self._stamps[topic][row])
-        position, orientation = message.pose.position, message.pose.orientation
+        covariances = self._topics[topic].covariances
+        pose = message.pose
+        if covariances is not None:
+            pose.covariance = covariances[row].ravel()
+            pose = pose.pose
+        position, orientation = pose.position, pose.orientation
         (
             position.x,
             position.y,

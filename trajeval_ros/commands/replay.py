@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from trajeval_ros.commands import console, inputs
 
 DESCRIPTION = """\
-Publish ground truth and estimate as live topics (ground_truth, estimate: PoseStamped, reliable)
-in the order of their stamps, with /clock. Waits for a subscriber of each before it begins, and
-for their acknowledgement before it ends. Remap as any node: --ros-args -r estimate:=/odom"""
+Publish ground truth and estimate as live topics, in the order of their stamps, with /clock:
+ground_truth and estimate, PoseStamped (PoseWithCovarianceStamped where there are covariances),
+reliable, depth 1000. Waits for a subscriber of each before it begins, and for their
+acknowledgement before it ends. Remap as any node: --ros-args -r estimate:=/odom"""
 
 
 def make_parser() -> argparse.ArgumentParser:
