@@ -77,7 +77,9 @@ def test_samples_that_come_before_it_is_evaluated_change_nothing(index, more):
         return  # in the gap
     engine = Engine(FIXED)
     engine.add_estimate(run.estimate[index - 1 : index + 1])
-    engine.add_ground_truth(run.ground_truth[: completing(run, run.estimate.stamps[index]) + 1 + more])
+    engine.add_ground_truth(
+        run.ground_truth[: completing(run, run.estimate.stamps[index]) + 1 + more]
+    )
     found = engine.advance().evaluations
     assert found.stamps[-1] == evaluations["stamps"][i]
     np.testing.assert_allclose(
@@ -111,7 +113,9 @@ def test_a_sample_exactly_at_the_lag_completes():
     last = completing(run, stamp)
     for shift, due in ((0, True), (-1, False)):
         stamps[last] = stamp + LAG + shift
-        moved = type(truth)(stamps[: last + 1], truth.positions[: last + 1], truth.quaternions[: last + 1])
+        moved = type(truth)(
+            stamps[: last + 1], truth.positions[: last + 1], truth.quaternions[: last + 1]
+        )
         engine = Engine(FIXED)
         engine.add_estimate(run.estimate[19:21])
         engine.add_ground_truth(moved)

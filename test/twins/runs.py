@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs for the tests of the engine: a motion, what is published of it, and ways of playing it."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +100,7 @@ def play(engine, run, ticks, delays=(0, 0), cuts=None, order=None):
             topic = (run.ground_truth, run.estimate)[i]
             inner = [taken[i] + c for c in cuts(until - taken[i])] if cuts else []
             edges = [taken[i], *inner, until]
-            pieces.append([(add, topic[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+            pieces.append([(add, topic[a:b]) for a, b in itertools.pairwise(edges)])
             taken[i] = until
         first = order(n) if order else 0
         queues = [pieces[first], pieces[1 - first]]
@@ -157,7 +158,9 @@ def balance(engine):
 def leaves(value, path=""):
     """A summary's values by their paths."""
     if isinstance(value, dict):
-        return {p: v for key, item in value.items() for p, v in leaves(item, f"{path}/{key}").items()}
+        return {
+            p: v for key, item in value.items() for p, v in leaves(item, f"{path}/{key}").items()
+        }
     return {path: value}
 
 
