@@ -284,8 +284,10 @@ def test_one_pose_has_no_error():
     assert run.total.log_likelihood == pytest.approx(0.0, abs=1e-9)
 
 
-def test_wrong_covariance_is_refused():
+def test_wrong_poses_and_covariances_are_refused():
     ground_truth, covariance, estimate = simulated(11, SE3, count=100)
+    with pytest.raises(ValueError, match="not finite"):
+        absolute(ground_truth, covariance, np.nan * estimate)
     covariance[90] *= -1.0
     for refuse in (absolute, RunningAbsolute().update):
         with pytest.raises(CovarianceError, match="pose 90 "):

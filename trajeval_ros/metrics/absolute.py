@@ -11,59 +11,31 @@ at the g* that minimises ``chi2 = eps^T V^-1 eps``, with J the residuals' deriva
 gauge's d freedoms (see `gauge` for the measure).
 """
 
-import enum
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
 from trajeval_ros.metrics.band import BandFactor, BandWhitener
 from trajeval_ros.metrics.gauge import SE3, Gauge, Similarity
 from trajeval_ros.metrics.gaussian import NOTHING, CovarianceError, GaussianLogLikelihood
 from trajeval_ros.metrics.information import Information
 from trajeval_ros.metrics.observability import Observability, Spread, observability
 from trajeval_ros.metrics.relative import covariance_blocks
-from trajeval_ros.metrics.umeyama import align_positions
+from trajeval_ros.metrics.search import (
+    Ending,
+    Problem,
+    absolute_residual,
+    best_perturbation,
+    log_scale_std,
+    minimize,
+    pose_alignment,
+    start_alignment,
+)
+
+__all__ = ["Absolute", "Ending", "RunningAbsolute", "absolute", "absolute_residual"]
 
 Array = npt.NDArray[np.float64]
-
-
-def absolute_residual(ground_truth: Array, aligned: Array) -> Array:
-    """``eps_i = Log(T_gt_i^-1 T_i)`` of aligned estimates.
-
-    ground_truth, aligned: (M, 4, 4), in one world. Returns (M, 6), metres and radians, body frame.
-    """
-    return se3.log(se3.inverse(ground_truth) @ aligned)
-
-
-def pose_alignment(ground_truth: Array, estimate: Array, gauge: Gauge) -> Similarity:
-    """The alignment in which one pose of the estimate has the ground truth's place.
-
-    ground_truth, estimate: (4, 4), of the same instant. In a gauge without roll and pitch, that of
-    the yaw nearest the ground truth's. The scale is 1.
-    """
-    pose = np.eye(4)
-    if gauge.dimension == 0:
-        return Similarity(pose, 1.0)
-    rotation = ground_truth[:3, :3] @ estimate[:3, :3].T
-    if 3 not in gauge.free:
-        yaw = np.arctan2(rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1])
-        rotation = se3.exp_so3(np.array([0.0, 0.0, yaw]))
-    pose[:3, :3] = rotation
-    pose[:3, 3] = ground_truth[:3, 3] - rotation @ estimate[:3, 3]
-    return Similarity(pose, 1.0)
-
-
-class Ending(enum.StrEnum):
-    """How the search for the best alignment ended."""
-
-    CONVERGED = "converged"
-    """Another step would gain less than a billionth of a nat, or than round-off."""
-    STALLED = "stalled"
-    """No step, however short, gains anything, yet the gradient is not zero."""
-    ITERATION_LIMIT = "iteration_limit"
-    """It was still gaining after the last step allowed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,112 +61,6 @@ class Absolute:
     iterations: int
 
 
-_MAX_ITERATIONS = 100
-# Another step is not worth it if it would lower chi2 by less than this, or by this share.
-_GAIN = 1e-9
-_GAIN_SHARE = 1e-15
-# A step that would lower it by less than this share, and does not, fails for round-off.
-_ROUND_OFF = 1e-11
-_MAX_DAMPING = 1e12
-
-
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    """Residuals, whitened, as functions of the alignment."""
-
-    ground_truth: Array
-    estimate: Array
-    factor: BandFactor
-    gauge: Gauge
-    centre: Array
-
-    def residual(self, alignment: Similarity) -> tuple[Array, Array]:
-        aligned = alignment.apply(self.estimate)
-        return absolute_residual(self.ground_truth, aligned), aligned
-
-    def chi2(self, alignment: Similarity) -> float:
-        residual, _ = self.residual(alignment)
-        return float((self.factor.whiten(residual) ** 2).sum())
-
-    def linearize(self, alignment: Similarity) -> Information:
-        residual, aligned = self.residual(alignment)
-        jacobian = self.gauge.jacobian(residual, aligned, self.centre)
-        columns = np.concatenate([jacobian, residual[..., None]], axis=-1)
-        none = Information.none(self.gauge.dimension)
-        return none.absorb(self.factor.whiten(columns), self.factor.log_det)
-
-
-# The scale never falls below this share of itself in one step.
-_LEAST_SCALE = 0.1
-
-
-def _log_scale_std(gauge: Gauge, information: Information) -> float:
-    """The standard deviation of the scale's logarithm, all other freedoms being unknown too."""
-    if not gauge.has_scale:
-        return 0.0
-    # The scale is the last unknown, and the root upper triangular.
-    root = abs(float(information.root[-1, -1]))
-    return 1.0 / root if root > 0.0 else float("inf")
-
-
-def _best(gauge: Gauge, information: Information) -> Array:
-    """The best perturbation, (d,); the scale's is zero where nothing determines it."""
-    if not gauge.has_scale:
-        return information.optimum()
-    if not np.isfinite(_log_scale_std(gauge, information)):
-        return np.append(information.leading(information.dimension - 1).optimum(), 0.0)
-    delta = information.optimum()
-    delta[-1] = max(delta[-1], _LEAST_SCALE - 1.0)
-    return delta
-
-
-def _start(problem: _Problem, *others: Similarity) -> Similarity:
-    """The likelier one of Umeyama's alignment, of positions, that of the middle pose, and others.
-
-    Where positions do not determine an alignment (a robot at rest), or nearly so, orientations do.
-    """
-    gauge = problem.gauge
-    middle = len(problem.estimate) // 2
-    by_pose = pose_alignment(problem.ground_truth[middle], problem.estimate[middle], gauge)
-    found = align_positions(problem.estimate[:, :3, 3], problem.ground_truth[:, :3, 3], gauge.name)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = found.rotation, found.translation
-    by_position = Similarity(pose, float(found.scale))
-    return min(*others, by_position, by_pose, key=problem.chi2)
-
-
-def _damped(gauge: Gauge, information: Information, damping: float) -> Array:
-    """The Levenberg-Marquardt step, scaled by the information's diagonal."""
-    scale = np.sqrt(damping) * np.linalg.norm(information.root, axis=0)
-    rows = np.concatenate([np.diag(scale), np.zeros((len(scale), 1))], axis=1)
-    return _best(gauge, information.absorb(rows, 0.0))
-
-
-def _minimize(problem: _Problem, alignment: Similarity) -> tuple[Similarity, Ending, int]:
-    """Gauss-Newton, damped where a step would not gain."""
-    damping = 0.0
-    chi2 = problem.chi2(alignment)
-    for iteration in range(_MAX_ITERATIONS):
-        information = problem.linearize(alignment)
-        gain = float((information.offset**2).sum())
-        if gain <= _GAIN + _GAIN_SHARE * chi2:
-            return alignment, Ending.CONVERGED, iteration
-        while True:
-            step = _damped(problem.gauge, information, damping)
-            proposal = problem.gauge.perturb(alignment, problem.centre, step)
-            proposed = problem.chi2(proposal)
-            if proposed < chi2:
-                break
-            damping = max(10.0 * damping, 1e-3)
-            if gain <= _ROUND_OFF * chi2:
-                return alignment, Ending.CONVERGED, iteration
-            if damping > _MAX_DAMPING:
-                return alignment, Ending.STALLED, iteration
-        alignment, chi2 = proposal, proposed
-        damping = damping / 10.0 if damping > 1e-6 else 0.0
-    return alignment, Ending.ITERATION_LIMIT, _MAX_ITERATIONS
-
-
 def absolute(
     ground_truth: Array,
     covariance: Array,
@@ -213,20 +79,22 @@ def absolute(
     """
     if len(ground_truth) == 0:
         raise ValueError("there is no pose to align")
+    if not (np.isfinite(ground_truth).all() and np.isfinite(estimate).all()):
+        raise ValueError("a pose is not finite")
     blocks = covariance_blocks(covariance, 0 if covariance.ndim == 3 else covariance.shape[1] - 1)
     spread = Spread.none().absorb(ground_truth[:, :3, 3], blocks[:, 0])
     centre = spread.mean
-    problem = _Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, centre)
+    problem = Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, centre)
     if start is None:
-        start = _start(problem)
+        start = start_alignment(problem)
     observed = observability(gauge, spread)
     if observed.scale_observed:
-        best, ending, iterations = _minimize(problem, start)
+        best, ending, iterations = minimize(problem, start)
         information = problem.linearize(best)
-        observed = observability(gauge, spread, _log_scale_std(gauge, information))
+        observed = observability(gauge, spread, log_scale_std(gauge, information))
     if not observed.scale_observed:
         problem = replace(problem, gauge=gauge.without_scale())
-        best, ending, iterations = _minimize(problem, start)
+        best, ending, iterations = minimize(problem, start)
         information = problem.linearize(best)
     return Absolute(
         information.integral() if observed.scale_observed else None,
@@ -324,7 +192,7 @@ class RunningAbsolute:
     @property
     def observability(self) -> Observability:
         """What of the gauge the poses so far determine."""
-        std = _log_scale_std(self._gauge, self._information)
+        std = log_scale_std(self._gauge, self._information)
         return observability(self._gauge, self._spread, std)
 
     def update(self, ground_truth: Array, covariance: Array, estimate: Array) -> None:
@@ -392,7 +260,7 @@ class RunningAbsolute:
         """The best perturbation of the anchor, (d,); the scale held where it is not determined."""
         information = self._information
         if self.observability.scale_observed:
-            return _best(self._gauge, information)
+            return best_perturbation(self._gauge, information)
         return np.append(information.leading(information.dimension - 1).optimum(), 0.0)
 
     def _settle(
@@ -402,8 +270,8 @@ class RunningAbsolute:
         gauge = self._gauge
         if not observability(gauge, self._spread).scale_observed:
             gauge = gauge.without_scale()
-        problem = _Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, self._spread.mean)
-        best, _, _ = _minimize(problem, _start(problem, anchor))
+        problem = Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, self._spread.mean)
+        best, _, _ = minimize(problem, start_alignment(problem, anchor))
         self._anchor, self._centre = best, ground_truth[-1, :3, 3].copy()
         self._whitener = BandWhitener(self._bandwidth, self._gauge.dimension + 1)
         self._information = Information.none(self._gauge.dimension)
