@@ -1,19 +1,21 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the table of ``docs/parameters.md`` from the one table of parameters in the code."""
+"""Writes the tables of the documentation that the code holds: parameters, reasons of rejection."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS, Parameter, Value
 
-PAGE = Path(__file__).with_name("parameters.md")
+DOCS = Path(__file__).parent
 BEGIN, END = "<!-- begin table -->", "<!-- end table -->"
 
 
-def table() -> str:
-    """Return the table in Markdown."""
+def parameters() -> str:
+    """Return the table of parameters."""
     lines = ["| name | default | unit | values | at run time | |", "|---|---|---|---|---|---|"]
     for parameter in PARAMETERS.values():
         cells = (
@@ -28,11 +30,20 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def page(text: str) -> str:
+def reasons() -> str:
+    """Return the table of the reasons for which poses are rejected."""
+    rows = [f"| `{reason}` | {reason.explanation} |" for reason in Reason]
+    return "\n".join(["| reason | means |", "|---|---|", *rows])
+
+
+TABLES: dict[str, Callable[[], str]] = {"parameters.md": parameters, "files.md": reasons}
+
+
+def page(text: str, table: str) -> str:
     """Return the page ``text`` with its table written anew."""
     before, rest = text.split(BEGIN)
     _, after = rest.split(END)
-    return f"{before}{BEGIN}\n{table()}\n{END}{after}"
+    return f"{before}{BEGIN}\n{table}\n{END}{after}"
 
 
 def _written(value: Value) -> str:
@@ -58,4 +69,6 @@ def _allowed(parameter: Parameter) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for name, table in TABLES.items():
+        path = DOCS / name
+        path.write_text(page(path.read_text(encoding="utf-8"), table()), encoding="utf-8")

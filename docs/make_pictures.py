@@ -1,0 +1,143 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the pictures in ``docs/images`` from recordings, with the package itself.
+
+Usage: ``python docs/make_pictures.py GROUND_TRUTH ESTIMATE`` with TUM's freiburg2_desk, which has a
+gap of 12 s in its ground truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.commands.scoring import samples
+from trajeval_ros.files.tum import read_tum
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
+
+Array = npt.NDArray[np.float64]
+
+IMAGES = Path(__file__).parent / "images"
+TRUTH, ESTIMATE, SAMPLES = "#1f5fa8", "#d1495b", "#5b6770"
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """Poses of a run: seconds (M,), aligned estimate and ground truth (M, 4, 4), its std (M, 2)."""
+
+    seconds: Array
+    sampled: Array
+    estimate: Array
+    ground_truth: Array
+    covariance: Array
+
+
+def evaluated(ground_truth: str, estimate: str, **parameters: object) -> Evaluated:
+    """Evaluate two TUM files."""
+    truth, guess = read_tum(ground_truth), read_tum(estimate)
+    engine = Engine(parameters)
+    parts = list(feed(engine, samples(truth), samples(guess)))
+    alignment = parts[-1].alignment
+    assert alignment is not None
+    found = [part.evaluations for part in parts if len(part.evaluations)]
+    stamps = np.concatenate([part.stamps for part in found])
+    start = truth.stamps[0]
+    return Evaluated(
+        (stamps - start) * 1e-9,
+        (truth.stamps - start) * 1e-9,
+        alignment.apply(np.concatenate([part.estimate for part in found])),
+        np.concatenate([part.ground_truth for part in found]),
+        np.concatenate([part.covariance for part in found]),
+    )
+
+
+def deviations(covariance: Array) -> tuple[Array, Array]:
+    """Standard deviations of translation (m) and rotation (rad), root mean square of the axes."""
+    variance = np.einsum("mii->mi", covariance)
+    return np.sqrt(variance[:, :3].mean(axis=1)), np.sqrt(variance[:, 3:].mean(axis=1))
+
+
+def gap(run: Evaluated) -> None:
+    """The ground truth's uncertainty across its longest gap, and the estimate within it."""
+    longest = int(np.argmax(np.diff(run.sampled)))
+    begin, end = run.sampled[longest], run.sampled[longest + 1]
+    shown = (run.seconds > begin - 6.0) & (run.seconds < end + 6.0)
+    seconds, covariance = run.seconds[shown], run.covariance[shown]
+    rotation = run.ground_truth[shown][:, :3, :3]
+    spread = rotation @ covariance[:, :3, :3] @ np.swapaxes(rotation, -1, -2)
+    position, axis = run.ground_truth[shown][:, :3, 3], 0
+    sigma = np.sqrt(spread[:, axis, axis])
+
+    figure, (above, below) = plt.subplots(
+        2, 1, figsize=(8.0, 5.0), sharex=True, height_ratios=(3, 2), layout="constrained"
+    )
+    above.fill_between(
+        seconds,
+        position[:, axis] - 2 * sigma,
+        position[:, axis] + 2 * sigma,
+        color=TRUTH,
+        alpha=0.25,
+        linewidth=0,
+        label="ground truth, two standard deviations",
+    )
+    above.plot(seconds, position[:, axis], color=TRUTH, label="ground truth, mean")
+    above.plot(
+        seconds,
+        run.estimate[shown][:, axis, 3],
+        color=ESTIMATE,
+        linewidth=1.2,
+        label="estimate, aligned",
+    )
+    near = (run.sampled > begin - 6.0) & (run.sampled < end + 6.0)
+    low, high = above.get_ylim()
+    above.plot(
+        run.sampled[near],
+        np.full(near.sum(), low),
+        "|",
+        color=SAMPLES,
+        markersize=7,
+        label="ground-truth samples",
+    )
+    above.set_ylim(low - 0.03 * (high - low), high)
+    above.set_ylabel("x (m)")
+    above.legend(frameon=False, fontsize=9)
+    translation, angle = deviations(covariance)
+    below.semilogy(seconds, translation * 1e3, color=TRUTH, label="position (mm)")
+    below.semilogy(seconds, np.degrees(angle), color=ESTIMATE, label="rotation (deg)")
+    below.set_ylabel("standard deviation")
+    below.set_xlabel("time (s)")
+    below.legend(frameon=False, fontsize=9)
+    _save(figure, (above, below), "gap.png")
+
+
+def _save(figure: Any, axes: tuple[Any, ...], name: str) -> None:
+    for axis in axes:
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.grid(alpha=0.25)
+    IMAGES.mkdir(exist_ok=True)
+    figure.savefig(IMAGES / name, dpi=120)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Make every picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("ground_truth")
+    parser.add_argument("estimate")
+    arguments = parser.parse_args()
+    gap(evaluated(arguments.ground_truth, arguments.estimate, **{"ground_truth.max_gap": 20.0}))
+
+
+if __name__ == "__main__":
+    main()
