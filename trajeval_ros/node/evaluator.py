@@ -32,6 +32,8 @@ _LONGEST_BATCH_PERIOD = 0.1
 _LONGEST_METRICS_PERIOD = 2.0
 _DISCOVERY_PERIOD = 0.1
 _DIAGNOSTICS_PERIOD = 1.0
+# What a subscriber may take at shutdown, s.
+_PARTING = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +90,7 @@ class Evaluator(Node):
         self._publish(self._session.finish())
         self._publish_metrics()
         written = self._save() is not None
+        self._outputs.flush(_PARTING)
         self._session.close()
         return written
 

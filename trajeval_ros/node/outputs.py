@@ -8,6 +8,7 @@ number. So every field is given a Python float.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -118,6 +120,13 @@ class Outputs:
             for name, values in statuses.items()
         ]
         self._metrics.publish(message)
+
+    def flush(self, seconds: float) -> None:
+        """Give the subscribers this long to have everything, before the publishers go."""
+        deadline = time.monotonic() + seconds
+        for publisher in (self._metrics, self._relative, self._absolute, self._pose):
+            remaining = max(0.0, deadline - time.monotonic())
+            publisher.wait_for_all_acked(Duration(seconds=remaining))
 
 
 def _heard(publisher: Publisher, values: Array) -> list:
