@@ -22,7 +22,7 @@ from trajeval_ros import se3
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
-from trajeval_ros.ground_truth.trajectory import GroundTruth, Model
+from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -63,9 +63,7 @@ def load(sequence: str, duration: int = DURATION) -> Samples:
     """Return the first ``duration`` (ns) of a sequence's ground truth."""
     trajectory = read_tum(DATA / sequence / "groundtruth.txt")
     stamps, first = np.unique(trajectory.stamps, return_index=True)
-    poses = se3.from_position_quaternion(
-        trajectory.positions[first], trajectory.quaternions[first]
-    )
+    poses = se3.from_position_quaternion(trajectory.positions[first], trajectory.quaternions[first])
     wanted = stamps - stamps[0] <= duration
     return Samples(stamps[wanted], poses[wanted])
 
@@ -99,8 +97,7 @@ def cells(sequence: str, rates: tuple[int, ...] = RATES) -> Iterator[Cell]:
 
 def score_process(cell: Cell, kernel: str, lag: int | None) -> Score:
     """Predict with the process as the evaluator has it; ``lag`` None: with all data."""
-    model = Model(kernel, None, FLOOR, FLOOR, SHAPE)
-    ground_truth = GroundTruth(model)
+    ground_truth = GroundTruth(Settings(kernel, None, FLOOR, FLOOR, SHAPE))
     ground_truth.append(cell.kept)
     ground_truth.conclude()
     stamps, kept = cell.held_out.stamps, cell.kept.stamps
@@ -137,9 +134,7 @@ def _errors(poses: Array, cell: Cell) -> tuple[float, float]:
 def score_interpolation(cell: Cell, method: str) -> Score:
     """Predict with the nearest sample, linearly, or by a cubic spline."""
     origin = cell.kept.stamps[0]
-    known, asked = (
-        (stamps - origin) * 1e-9 for stamps in (cell.kept.stamps, cell.held_out.stamps)
-    )
+    known, asked = ((stamps - origin) * 1e-9 for stamps in (cell.kept.stamps, cell.held_out.stamps))
     rotations = Rotation.from_matrix(cell.kept.poses[:, :3, :3])
     positions = cell.kept.poses[:, :3, 3]
     poses = np.tile(np.eye(4), (len(asked), 1, 1))

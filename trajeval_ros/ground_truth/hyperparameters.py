@@ -9,18 +9,23 @@ from dataclasses import dataclass
 # How firmly a segment's scale is held at one: as if so many coordinates had been seen before. Few
 # leave quiet segments overconfident; many do not let the process follow a change of the motion.
 DEGREES_OF_FREEDOM = 20.0
+# Nor is a segment's scale less than this: that it fits well where it is sampled does not make it
+# as good between the samples.
+LEAST_SCALE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One kernel's part: ``signal_std`` σ (m or rad) and ``length_scale`` l (s)."""
+    """One kernel's part: ``std`` σ (m or rad), which may be zero, and ``length_scale`` l (s)."""
 
-    signal_std: float
+    std: float
     length_scale: float
 
     def __post_init__(self) -> None:
-        """Raise :class:`ValueError` unless both are positive and finite."""
-        _require_positive(signal_std=self.signal_std, length_scale=self.length_scale)
+        """Raise :class:`ValueError` for a value that is negative or not finite."""
+        if not 0.0 <= self.std < float("inf"):
+            raise ValueError(f"std must be non-negative and finite, got {self.std!r}")
+        _require_positive(length_scale=self.length_scale)
 
 
 @dataclass(frozen=True, slots=True)

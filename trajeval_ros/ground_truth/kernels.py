@@ -3,12 +3,12 @@
 """Stationary covariance functions of time.
 
 Every kernel is written for unit variance and unit length: ``k(t, t') = σ² ρ(|t - t'| / l)``. A new
-kernel is one small class with the two methods of :class:`Kernel`, entered in :data:`SUMS`.
+kernel is one small class with the two methods of :class:`Kernel`, used by the models
+of :mod:`trajeval_ros.ground_truth.models`.
 """
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -24,8 +24,8 @@ class Kernel(Protocol):
         """Return ``ρ(u)``, elementwise, for ``u >= 0``; ``ρ(0) = 1``."""
         ...
 
-    def scaled_slope(self, u: Array) -> Array:
-        """Return ``-u ρ'(u)``, which is ``∂ρ/∂log l``, elementwise."""
+    def with_slope(self, u: Array) -> tuple[Array, Array]:
+        """Return ``ρ(u)`` and ``-u ρ'(u)``, which is ``∂ρ/∂log l``, elementwise."""
         ...
 
 
@@ -36,10 +36,24 @@ class SquaredExponential:
         """Return ``exp(-u²/2)``."""
         return np.asarray(np.exp(-0.5 * u * u))
 
-    def scaled_slope(self, u: Array) -> Array:
-        """Return ``u² exp(-u²/2)``."""
+    def with_slope(self, u: Array) -> tuple[Array, Array]:
+        """Return ``exp(-u²/2)`` and ``u² exp(-u²/2)``."""
         square = u * u
-        return np.asarray(square * np.exp(-0.5 * square))
+        correlation = np.exp(-0.5 * square)
+        return correlation, square * correlation
+
+
+class Exponential:
+    """``ρ(u) = exp(-u)``: continuous, not differentiable; for correlated noise."""
+
+    def correlation(self, u: Array) -> Array:
+        """Return ``exp(-u)``."""
+        return np.asarray(np.exp(-u))
+
+    def with_slope(self, u: Array) -> tuple[Array, Array]:
+        """Return ``exp(-u)`` and ``u exp(-u)``."""
+        correlation = np.exp(-u)
+        return correlation, u * correlation
 
 
 class Matern32:
@@ -50,10 +64,11 @@ class Matern32:
         a = np.sqrt(3.0) * u
         return np.asarray((1.0 + a) * np.exp(-a))
 
-    def scaled_slope(self, u: Array) -> Array:
-        """Return ``a² exp(-a)`` with ``a = √3 u``."""
+    def with_slope(self, u: Array) -> tuple[Array, Array]:
+        """Return ``(1 + a) exp(-a)`` and ``a² exp(-a)`` with ``a = √3 u``."""
         a = np.sqrt(3.0) * u
-        return np.asarray(a * a * np.exp(-a))
+        decay = np.exp(-a)
+        return (1.0 + a) * decay, a * a * decay
 
 
 class Matern52:
@@ -64,17 +79,8 @@ class Matern52:
         a = np.sqrt(5.0) * u
         return np.asarray((1.0 + a * (1.0 + a / 3.0)) * np.exp(-a))
 
-    def scaled_slope(self, u: Array) -> Array:
-        """Return ``a² (1 + a) exp(-a) / 3`` with ``a = √5 u``."""
+    def with_slope(self, u: Array) -> tuple[Array, Array]:
+        """Return the correlation and ``a² (1 + a) exp(-a) / 3`` with ``a = √5 u``."""
         a = np.sqrt(5.0) * u
-        return np.asarray(a * a * (1.0 + a) * np.exp(-a) / 3.0)
-
-
-SUMS: MappingProxyType[str, tuple[Kernel, ...]] = MappingProxyType(
-    {
-        "matern52": (Matern52(), Matern32()),
-        "matern32": (Matern32(),),
-        "squared_exponential": (SquaredExponential(),),
-    }
-)
-"""The covariance functions by the name of the parameter ``gp.kernel``: sums of kernels."""
+        decay, third = np.exp(-a), a * a / 3.0
+        return (1.0 + a + third) * decay, third * (1.0 + a) * decay

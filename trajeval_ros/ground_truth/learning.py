@@ -1,10 +1,10 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hyperparameters by maximum likelihood, one set for many segments.
+"""Hyperparameters by maximum a posteriori, one set for many segments.
 
-The likelihood of a segment has its constant mean and its scale integrated out: with ``Π = K⁻¹ - K⁻¹
-1 (1ᵀ K⁻¹ 1)⁻¹ 1ᵀ K⁻¹``, n samples of c coordinates, ``q = tr(xᵀ Π x)``, ``d = c (n - 1)``, and ν
-degrees of freedom, it is a multivariate Student t,
+The likelihood of a segment has its constant mean and its scale integrated out: with
+``Π = K⁻¹ - K⁻¹ 1 (1ᵀ K⁻¹ 1)⁻¹ 1ᵀ K⁻¹``, n samples of c coordinates, ``q = tr(xᵀ Π x)``,
+``d = c (n - 1)`` and ν degrees of freedom, it is a multivariate Student t,
 
     log p = log Γ((ν + d)/2) - log Γ(ν/2) - d/2 log(νπ)
             - ½ c (log|K| + log 1ᵀ K⁻¹ 1) - ½ (ν + d) log(1 + q/ν),
@@ -31,8 +31,13 @@ from trajeval_ros.ground_truth.hyperparameters import (
     GroupHyperparameters,
 )
 from trajeval_ros.ground_truth.kernels import Kernel
+from trajeval_ros.ground_truth.models import Grid, Model
 
 Array = npt.NDArray[np.float64]
+
+# The posterior has several maxima: the best of so many searches is taken.
+_SEARCHES = 2
+_MAX_ITERATIONS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +65,10 @@ def log_likelihood(
     for record in records:
         apart = np.abs(record.times[:, None] - record.times)
         parts = [
-            (s**2 * k.correlation(apart / length), s**2 * k.scaled_slope(apart / length))
+            tuple(s**2 * values for values in k.with_slope(apart / length))
             for k, s, length in zip(kernels, signals, lengths, strict=True)
         ]
-        covariance = sum(part for part, _ in parts)
+        covariance = np.add.reduce([part for part, _ in parts])
         covariance.flat[:: len(apart) + 1] += noise + record.variances
         term, outer = _record_likelihood(covariance, record)
         value += term
@@ -98,51 +103,49 @@ def _record_likelihood(covariance: Array, record: Record) -> tuple[float, Array]
     return value, weight * (alpha @ alpha.T) - coordinates * projection
 
 
-def learn(
-    kernels: tuple[Kernel, ...], records: Sequence[Record], noise_floor: float
-) -> GroupHyperparameters | None:
-    """Return the hyperparameters that maximise the likelihood of ``records``.
+def log_posterior(
+    model: Model, grid: Grid, theta: Array, records: Sequence[Record]
+) -> tuple[float, Array]:
+    """Return the records' log-likelihood plus the model's log-prior, and the gradient in θ."""
+    natural, jacobian = model.natural(theta, grid)
+    value, gradient = log_likelihood(model.kernels, natural, records)
+    prior, slope = model.log_prior(theta, grid)
+    return value + prior, jacobian.T @ gradient + slope
 
-    None without enough data. Bounds: n from ``noise_floor`` up; l from half the median sample
-    interval to a minute; σ to a hundred times the spread of the data.
+
+def learn(
+    model: Model,
+    records: Sequence[Record],
+    noise_std: float,
+    soft_limit: float,
+    before: Array | None = None,
+) -> tuple[GroupHyperparameters, Array] | None:
+    """Return the hyperparameters that are most probable given ``records``; None without data.
+
+    ``noise_std``: the instrument's accuracy, which adds to the learned noise; ``soft_limit``: more
+    noise than this is improbable; ``before``: the θ learned from less data, near which alone it
+    then searches. Also returns θ.
     """
     records = [record for record in records if len(record.times) > 3]
     if not records:
         return None
-    step = float(np.median(np.concatenate([np.diff(record.times) for record in records])))
-    variance = np.mean([np.var(record.values, axis=0).mean() for record in records])
-    spread = max(10.0 * noise_floor, math.sqrt(float(variance)))
-    signal_bounds = (math.log(noise_floor), math.log(100.0 * spread))
-    length_bounds = (math.log(0.5 * step), math.log(60.0))
-    noise_bounds = (math.log(noise_floor), math.log(spread))
-    bounds = [*[signal_bounds, length_bounds] * len(kernels), noise_bounds]
+    grid = Grid.of([r.times for r in records], [r.values for r in records], noise_std, soft_limit)
+    floored = [Record(r.times, r.values, r.variances + noise_std**2) for r in records]
+    bounds = model.bounds(grid)
 
-    def objective(log_parameters: Array) -> tuple[float, Array]:
-        value, gradient = log_likelihood(kernels, log_parameters, records)
-        return (-value, -gradient) if math.isfinite(value) else (1e10, np.zeros(len(bounds)))
+    def objective(theta: Array) -> tuple[float, Array]:
+        value, gradient = log_posterior(model, grid, theta, floored)
+        return (-value, -gradient) if math.isfinite(value) else (1e10, np.zeros(len(theta)))
 
-    starts = [
-        np.clip(start, *np.transpose(bounds)) for start in _starts(len(kernels), step, spread)
-    ]
-    first = min(starts, key=lambda start: objective(start)[0])
-    options = {"maxiter": 60}
-    found = minimize(objective, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    *kernel_parameters, noise = (float(v) for v in np.exp(found.x))
-    components = tuple(
-        Component(*pair)
-        for pair in zip(kernel_parameters[::2], kernel_parameters[1::2], strict=True)
+    starts = model.starts(grid) if before is None else [before]
+    starts = [np.clip(start, *np.transpose(bounds)) for start in starts]
+    starts.sort(key=lambda start: objective(start)[0])
+    options = {"maxiter": _MAX_ITERATIONS}
+    searches = (
+        minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        for start in starts[:_SEARCHES]
     )
-    return GroupHyperparameters(components, noise)
-
-
-def _starts(kernels: int, step: float, spread: float) -> list[Array]:
-    """Where the search may begin: smooth or rough motion, fast or slow, clean or noisy samples."""
-    starts = []
-    for length in (4.0 * step, 1.5):
-        for rough_length in (6.0 * step, 5.0):
-            for noise in (1e-4, 3e-3, 3e-2):
-                rough = [math.log(0.15 * spread), math.log(rough_length)] * (kernels - 1)
-                starts.append(
-                    np.array([math.log(spread), math.log(length), *rough, math.log(noise * spread)])
-                )
-    return starts
+    best = min(searches, key=lambda result: float(result.fun))
+    *pairs, noise = (float(v) for v in np.exp(model.natural(best.x, grid)[0]))
+    components = tuple(map(Component, pairs[::2], pairs[1::2]))
+    return GroupHyperparameters(components, math.hypot(noise, noise_std)), best.x

@@ -23,6 +23,7 @@ from scipy.linalg import lapack
 
 from trajeval_ros.ground_truth.hyperparameters import (
     DEGREES_OF_FREEDOM,
+    LEAST_SCALE,
     Component,
     GroupHyperparameters,
 )
@@ -62,9 +63,10 @@ class Regression:
         """Start without samples; the scale does not bring the noise below ``noise_floor``."""
         self._components = hyperparameters.components
         self._kernels = kernels[: len(self._components)]
-        self._variance = sum(c.signal_std**2 for c in self._components)
+        self._variance = sum(c.std**2 for c in self._components)
         self._mean_precision = 1.0 / (_FLAT**2 * self._variance)
-        self._least_scale = min((noise_floor / hyperparameters.noise_std) ** 2, 1.0)
+        floor = min((noise_floor / hyperparameters.noise_std) ** 2, 1.0)
+        self._least_scale = max(floor, LEAST_SCALE)
         self._coordinates = coordinates
         self._count = 0
         self._times = np.empty(0)
@@ -200,7 +202,8 @@ def sum_of_kernels(
     """``Σ σ² ρ(apart / l)``, elementwise; ``apart`` in seconds."""
     total = np.zeros_like(apart)
     for kernel, component in zip(kernels, components, strict=True):
-        total += component.signal_std**2 * kernel.correlation(apart / component.length_scale)
+        if component.std > 0.0:
+            total += component.std**2 * kernel.correlation(apart / component.length_scale)
     return total
 
 

@@ -104,6 +104,11 @@ class Segment:
         return self._coordinates
 
     @property
+    def variances(self) -> Array | None:
+        """The samples' own variances in local coordinates; (n, 6), or None without any."""
+        return self._variances
+
+    @property
     def start(self) -> int:
         """Stamp of the first sample."""
         return int(self._samples.stamps[0])

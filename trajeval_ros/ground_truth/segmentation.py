@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 import numpy.typing as npt
@@ -85,8 +86,9 @@ class HandOver:
 
 @dataclass(frozen=True, slots=True)
 class Blended:
-    """A segment with the hand-overs at its two ends; None where there is none (yet)."""
+    """A segment, which counts from 0, with the hand-overs at its ends; None where there is none."""
 
+    index: int
     segment: Segment
     incoming: HandOver | None
     outgoing: HandOver | None
@@ -112,43 +114,43 @@ class Segmentation:
         self._first_incoming: HandOver | None = None
         self._trigger = (0, 0.0)  # samples and angle of the old segment when its hand-over began
         self.opened = 0
-        self.closed = 0
 
     def __iter__(self) -> Iterator[Blended]:
         """Iterate over the retained segments with their hand-overs."""
         incoming = [self._first_incoming, *self._handovers]
         outgoing = [*self._handovers, None]
-        return map(Blended, self._segments, incoming, outgoing)
+        indices = count(self.opened - len(self._segments))
+        return map(Blended, indices, self._segments, incoming, outgoing)
 
     @property
     def _handing_over(self) -> bool:
         return bool(self._handovers) and self._handovers[-1].last < 1.0
 
-    def append(self, samples: Samples) -> list[Segment]:
-        """Add later samples; return the segments closed by them."""
-        closed: list[Segment] = []
+    def append(self, samples: Samples) -> Iterator[Segment]:
+        """Add later samples; yield each segment as soon as it is closed by them."""
         while len(samples):
             if not self._segments:
                 self._segments.append(Segment(samples[:1]))
                 self.opened += 1
                 samples = samples[1:]
             elif self._handing_over:
-                samples = self._continue_handover(samples, closed)
+                samples, complete = self._continue_handover(samples)
+                if complete:
+                    yield self._segments[-2]
             else:
                 samples = self._continue_alone(samples)
-        return closed
 
     def _continue_alone(self, samples: Samples) -> Samples:
         """Feed the open segment up to the sample at which a hand-over begins; return the rest."""
         segment, shape = self._segments[-1], self._shape
         share = 1.0 - shape.overlap
         samples, rest = samples[: shape.max_samples], samples[shape.max_samples :]
-        count = len(segment) + np.arange(1, len(samples) + 1)
+        size = len(segment) + np.arange(1, len(samples) + 1)
         angle = _angles(segment.local(samples.poses))
         long_enough = samples.stamps - segment.start >= share * shape.duration
         ready = (
-            (long_enough & (count >= share * shape.min_samples))
-            | (count >= share * shape.max_samples)
+            (long_enough & (size >= share * shape.min_samples))
+            | (size >= share * shape.max_samples)
             | (angle >= _TURN_BEGIN)
         )
         taken = int(np.argmax(ready)) + 1 if ready.any() else len(samples)
@@ -160,8 +162,8 @@ class Segmentation:
             self.opened += 1
         return samples[taken:] + rest if len(rest) else samples[taken:]
 
-    def _continue_handover(self, samples: Samples, closed: list[Segment]) -> Samples:
-        """Feed both segments up to the sample that completes the hand-over; return the rest."""
+    def _continue_handover(self, samples: Samples) -> tuple[Samples, bool]:
+        """Feed both segments to the end of the hand-over; return the rest, and whether it ended."""
         old, new, handover, shape = (
             self._segments[-2],
             self._segments[-1],
@@ -170,23 +172,21 @@ class Segmentation:
         )
         samples, rest = samples[: shape.max_samples], samples[shape.max_samples :]
         begun, angle = self._trigger
-        count = len(old) - begun + np.arange(1, len(samples) + 1)
+        size = len(old) - begun + np.arange(1, len(samples) + 1)
         by_time = (samples.stamps - handover.begin) / (shape.overlap * shape.duration)
-        by_count = count / (shape.overlap * shape.min_samples)
-        by_room = count / max(shape.max_samples - begun, 1)
+        by_size = size / (shape.overlap * shape.min_samples)
+        by_room = size / max(shape.max_samples - begun, 1)
         room_to_turn = max(_TURN_END - angle, 0.1)
         by_turn = (_angles(old.local(samples.poses)) - angle) / room_to_turn
-        progress = np.maximum.reduce([np.minimum(by_time, by_count), by_room, by_turn])
+        progress = np.maximum.reduce([np.minimum(by_time, by_size), by_room, by_turn])
         progress = np.maximum.accumulate(np.clip(progress, handover.last, 1.0))
         complete = progress >= 1.0
         taken = int(np.argmax(complete)) + 1 if complete.any() else len(samples)
         handover.append(samples.stamps[:taken], progress[:taken])
         old.append(samples[:taken])
         new.append(samples[:taken])
-        if complete.any():
-            self.closed += 1
-            closed.append(old)
-        return samples[taken:] + rest if len(rest) else samples[taken:]
+        rest = samples[taken:] + rest if len(rest) else samples[taken:]
+        return rest, bool(complete.any())
 
     def forget(self, before: int) -> None:
         """Drop the closed segments that have no weight at ``before`` (ns) or later."""

@@ -4,30 +4,23 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth import learning
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
-from trajeval_ros.ground_truth.kernels import SUMS
-from trajeval_ros.ground_truth.segment import Process, Samples, Segment
+from trajeval_ros.ground_truth.lessons import Lessons
+from trajeval_ros.ground_truth.models import MODELS
+from trajeval_ros.ground_truth.segment import Process, Samples
 from trajeval_ros.ground_truth.segmentation import Segmentation, SegmentShape
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-# Learning takes place once this much of the ground truth shows motion, or at the latest after so
-# much of it.
-_LEARN_MOVING = 6_000_000_000
-_LEARN_LATEST = 30_000_000_000
-# A segment moves when the spread of its coordinates exceeds the instrument's accuracy by this
-# factor.
-_MOVING = 5.0
-_LEARN_SAMPLES = 128
 # A gap is an interval between two samples longer than this (ns) and than three times the median of
 # those before it.
 _GAP = 100_000_000
@@ -35,11 +28,11 @@ _GAP_INTERVALS = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
-    """The process's fixed choices.
+class Settings:
+    """The fixed choices.
 
-    ``hyperparameters`` None: they are learned; ``translation_std`` (m) and ``rotation_std`` (rad)
-    are then the floors of the noise.
+    ``kernel``: the name of a model; ``hyperparameters`` None: they are learned, and
+    ``translation_std`` (m) and ``rotation_std`` (rad), the instrument's accuracy, add to the noise.
     """
 
     kernel: str
@@ -66,19 +59,30 @@ class Posterior:
 class GroundTruth:
     """Overlapping Gaussian-process segments (``docs/method.md``, Ground truth)."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, settings: Settings) -> None:
         """Start without samples."""
-        self._model = model
-        self._kernels = SUMS[model.kernel]
-        self._segmentation = Segmentation(model.shape)
-        self._hyperparameters = model.hyperparameters
-        self._lessons: list[Segment] = []
+        model = MODELS[settings.kernel]
+        self._kernels = model.kernels
+        self._accuracy = (settings.translation_std, settings.rotation_std)
+        self._segmentation = Segmentation(settings.shape)
+        self._lessons: Lessons | None = None
+        self._processes: deque[tuple[int, Process]] = deque()  # each from a segment's index on
+        if settings.hyperparameters is None:
+            self._lessons = Lessons(model, self._accuracy)
+        else:
+            self._use(settings.hyperparameters)
         self._stamps = np.empty(0, dtype=np.int64)
+        self._begin: int | None = None
+
+    @property
+    def begin(self) -> int | None:
+        """Stamp before which nothing can be asked any more; None while all is retained."""
+        return self._begin
 
     @property
     def hyperparameters(self) -> Hyperparameters | None:
-        """The hyperparameters, None until they are known."""
-        return self._hyperparameters
+        """The hyperparameters of the newest segments, None until they are known."""
+        return self._processes[-1][1].hyperparameters if self._processes else None
 
     @property
     def segments(self) -> int:
@@ -93,52 +97,28 @@ class GroundTruth:
     def append(self, samples: Samples) -> None:
         """Add samples, each later than all before."""
         self._stamps = np.concatenate([self._stamps, samples.stamps])
-        closed = self._segmentation.append(samples)
-        if self._hyperparameters is None:
-            self._lessons += closed
-            self._learn_if_due()
+        for closed in self._segmentation.append(samples):
+            if self._lessons is not None:
+                learned = self._lessons.add(closed)
+                if learned is not None:
+                    self._use(learned)
 
     def conclude(self) -> None:
         """No more samples will come: learn from what there is, if that has not been done."""
-        if self._hyperparameters is None:
-            self._lessons += [
-                b.segment for b in self._segmentation if b.segment not in self._lessons
-            ]
-            self._learn()
+        if self._lessons is not None and not self._processes:
+            learned = self._lessons.learn([b.segment for b in self._segmentation])
+            if learned is not None:
+                self._use(learned)
 
-    def _learn_if_due(self) -> None:
-        """Learn when the closed segments suffice; a function of the samples alone."""
-        moving = [s for s in self._lessons if self._moves(s)]
-        if _span(moving) >= _LEARN_MOVING or _span(self._lessons) >= _LEARN_LATEST:
-            self._learn()
+    def _use(self, hyperparameters: Hyperparameters) -> None:
+        """Take ``hyperparameters`` for the segments to come; the first ones for all."""
+        first = self._segmentation.opened if self._processes else 0
+        process = Process(self._kernels, hyperparameters, self._accuracy)
+        self._processes.append((first, process))
 
-    def _moves(self, segment: Segment) -> bool:
-        spread = np.std(segment.coordinates, axis=0)
-        return bool(
-            spread[:3].max() > _MOVING * self._model.translation_std
-            or spread[3:].max() > _MOVING * self._model.rotation_std
-        )
-
-    def _learn(self) -> None:
-        lessons = [s for s in self._lessons if self._moves(s)] or self._lessons
-        groups = []
-        for columns, floor in (
-            (slice(0, 3), self._model.translation_std),
-            (slice(3, 6), self._model.rotation_std),
-        ):
-            records = [
-                learning.Record(
-                    s.times[:_LEARN_SAMPLES],
-                    s.coordinates[:_LEARN_SAMPLES, columns],
-                    np.zeros(min(len(s), _LEARN_SAMPLES)),
-                )
-                for s in lessons
-            ]
-            groups.append(learning.learn(self._kernels, records, floor))
-        translation, rotation = groups
-        if translation is not None and rotation is not None:
-            self._hyperparameters = Hyperparameters(translation, rotation)
-            self._lessons = []
+    def _process(self, index: int) -> Process:
+        """The process of a segment, by its index."""
+        return next(p for first, p in reversed(self._processes) if first <= index)
 
     def posterior(self, stamps: Stamps, until: Stamps) -> Posterior:
         """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,).
@@ -147,10 +127,8 @@ class GroundTruth:
         sample lies between the two. Raises :class:`ValueError` while the hyperparameters are not
         known.
         """
-        if self._hyperparameters is None:
+        if not self._processes:
             raise ValueError("the hyperparameters are not known yet")
-        floors = (self._model.translation_std, self._model.rotation_std)
-        process = Process(self._kernels, self._hyperparameters, floors)
         poses, covariances = np.empty((len(stamps), 4, 4)), np.zeros((len(stamps), 6, 6))
         weights = np.zeros(len(stamps))
         for blended in self._segmentation:
@@ -158,12 +136,15 @@ class GroundTruth:
             asked = share > 0.0
             if not asked.any():
                 continue
+            process = self._process(blended.index)
             pose, covariance = blended.segment.posterior(process, stamps[asked], until[asked])
             weights[asked] += share[asked]
             ratio = share[asked] / weights[asked]
             before = np.where((ratio < 1.0)[:, None, None], poses[asked], pose)
             poses[asked] = se3.interpolate(before, pose, ratio)
             covariances[asked] += share[asked, None, None] * covariance
+        if not np.allclose(weights, 1.0):
+            raise ValueError("a query lies before the retained segments")
         return Posterior(poses, covariances, self._sampled(stamps))
 
     def _sampled(self, stamps: Stamps) -> Mask:
@@ -182,13 +163,10 @@ class GroundTruth:
 
     def forget(self, before: int) -> None:
         """Drop what no query at ``before`` (ns) or later needs."""
-        if self._hyperparameters is None:
+        if not self._processes:
             return
+        self._begin = before if self._begin is None else max(before, self._begin)
         self._segmentation.forget(before)
         keep = int(np.searchsorted(self._stamps, before, side="right")) - 2 - _GAP_INTERVALS
         keep = max(keep, 0)
         self._stamps = self._stamps[keep:]
-
-
-def _span(segments: list[Segment]) -> int:
-    return sum(int(s.samples.stamps[-1] - s.samples.stamps[0]) for s in segments)

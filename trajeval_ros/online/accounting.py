@@ -43,7 +43,7 @@ _EXPLANATIONS = {
     Reason.OUT_OF_ORDER: "the stamp is earlier than one that came before",
     Reason.STAMP_JUMP: "the stamp leaps ahead of those around it",
     Reason.NO_GROUND_TRUTH: "no ground truth within ground_truth.max_gap",
-    Reason.OUTSIDE_GROUND_TRUTH: "before the first or after the last ground truth",
+    Reason.OUTSIDE_GROUND_TRUTH: "the ground truth near it lies on one side only",
     Reason.TOO_LATE: "it came more than a window after its ground truth",
 }
 

@@ -24,7 +24,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
 )
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
-from trajeval_ros.ground_truth.trajectory import GroundTruth, Model
+from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.intake import Accepted, Intake
@@ -93,11 +93,10 @@ class Engine:
         values = self._values
         self._estimates = Intake(bool(values["estimate.use_covariance"]))
         self._samples = Intake(bool(values["ground_truth.use_covariance"]))
-        self._ground_truth = GroundTruth(_model(values))
+        self._ground_truth = GroundTruth(_settings(values))
         self._evaluation = Evaluation(values)
         self._pending = _NOBODY
         self._newest_estimate: int | None = None
-        self._forgotten = False
         self._announced: set[str] = set()
 
     @property
@@ -157,9 +156,12 @@ class Engine:
 
         ``now`` (ns) is the time on the clock of the stamps; without it nothing is given up.
         """
-        evaluations = self._evaluate(self._answerable())
         if now is not None:
+            certain = now - self._nanoseconds("max_wait")
+            self._append_ground_truth(self._samples.confirm(certain))
+            self._append_estimates(self._estimates.confirm(certain))
             self._give_up(now)
+        evaluations = self._evaluate(self._answerable(now))
         self._forget()
         return self._results(evaluations)
 
@@ -171,12 +173,18 @@ class Engine:
         evaluations = self._evaluate(len(self._pending))
         return self._results(evaluations)
 
-    def _answerable(self) -> int:
-        """Number of pending estimates that are at least ``lag`` older than the newest sample."""
+    def _answerable(self, now: int | None) -> int:
+        """Number of pending estimates that can be decided, the oldest ones.
+
+        Those that are at least ``lag`` older than the newest sample; and those whose last sample,
+        at most ``patience`` later, must have come by ``now``.
+        """
         stamps = self._ground_truth.stamps
         if self._ground_truth.hyperparameters is None or not len(stamps):
             return 0
-        latest = stamps[-1] - self._nanoseconds("ground_truth.lag")
+        latest = int(stamps[-1]) - self._nanoseconds("ground_truth.lag")
+        if now is not None:
+            latest = max(latest, now - self._patience - self._nanoseconds("max_wait") - 1)
         return int(np.searchsorted(self._pending.stamps, latest, side="right"))
 
     def _evaluate(self, count: int) -> Evaluations:
@@ -189,10 +197,7 @@ class Engine:
         chosen = chosen.where(good)
         if not len(chosen):
             return NO_EVALUATIONS
-        samples = self._ground_truth.stamps
-        last = np.searchsorted(samples, chosen.stamps + self._nanoseconds("ground_truth.lag"))
-        until = samples[np.minimum(last, len(samples) - 1)]
-        posterior = self._ground_truth.posterior(chosen.stamps, until)
+        posterior = self._ground_truth.posterior(chosen.stamps, self._until(chosen.stamps))
         covariance = posterior.covariances
         if chosen.covariances is not None:
             # To first order the two errors add up: the two body frames differ by the error itself.
@@ -202,6 +207,17 @@ class Engine:
             chosen.stamps, offset, posterior.poses, covariance, chosen.poses, posterior.sampled
         )
 
+    def _until(self, stamps: Stamps) -> Stamps:
+        """Stamp of the last sample that answers each of ``stamps`` (n,).
+
+        The first one at or after ``t + lag``; or, where that is more than ``patience`` after t, the
+        last one before.
+        """
+        samples = self._ground_truth.stamps
+        complete = np.searchsorted(samples, stamps + self._nanoseconds("ground_truth.lag"))
+        latest = np.searchsorted(samples, stamps + self._patience, side="right") - 1
+        return np.asarray(samples[np.minimum(complete, latest)])
+
     def _judge(self, stamps: Stamps) -> Mask:
         """Which estimates can be scored, (n,); count the others."""
         samples = self._ground_truth.stamps
@@ -209,46 +225,44 @@ class Engine:
         if self._ground_truth.hyperparameters is None or not len(samples):
             account.reject(Reason.NO_GROUND_TRUTH, len(stamps))
             return np.zeros(len(stamps), dtype=np.bool_)
+        begin = self._ground_truth.begin
+        late = stamps < (samples[0] if begin is None else begin)
+        late &= begin is not None
         after = np.searchsorted(samples, stamps)
         before = np.searchsorted(samples, stamps, side="right") - 1
-        bracketed = (after < len(samples)) & (before >= 0)
         to_next = samples[np.minimum(after, len(samples) - 1)] - stamps
         to_last = stamps - samples[np.maximum(before, 0)]
-        far = np.minimum(np.abs(to_next), np.abs(to_last)) > self._nanoseconds(
-            "ground_truth.max_gap"
-        )
-        late = (stamps < samples[0]) & self._forgotten
-        stale = bracketed & (to_next > self._patience)
-        no_ground_truth = ~late & (far | stale)
+        nearest = np.minimum(np.abs(to_next), np.abs(to_last))
+        far = ~late & (nearest > self._nanoseconds("ground_truth.max_gap"))
+        bracketed = (after < len(samples)) & (before >= 0) & (to_next <= self._patience)
+        outside = ~late & ~far & ~bracketed
         account.reject(Reason.TOO_LATE, int(late.sum()))
-        account.reject(Reason.NO_GROUND_TRUTH, int(no_ground_truth.sum()))
-        outside = ~late & ~no_ground_truth & ~bracketed
+        account.reject(Reason.NO_GROUND_TRUTH, int(far.sum()))
         account.reject(Reason.OUTSIDE_GROUND_TRUTH, int(outside.sum()))
-        return np.asarray(~late & ~no_ground_truth & ~outside)
+        return np.asarray(~late & ~far & ~outside)
 
     @property
     def _patience(self) -> int:
-        """How long a gap may last (ns) for the estimates before it to wait for its end."""
+        """How long after an estimate (ns) its last sample may be stamped."""
         gap, lag = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("ground_truth.lag")
         return max(self._nanoseconds("window.duration"), gap + lag)
 
     def _give_up(self, now: int) -> None:
-        """Reject pending estimates whose ground truth should have come by ``now``.
+        """Reject pending estimates without any sample near them, where one should have come by now.
 
         A sample that serves an estimate is stamped at most ``max_gap`` after it and may come
-        ``max_wait`` late. Where one before the estimate serves it already, only the one that
-        completes it is missing; it may lie behind a gap.
+        ``max_wait`` late. Where one before the estimate serves it already, the next one may lie
+        behind a gap: those estimates wait for it.
         """
         if not len(self._pending):
             return
         stamps, samples = self._pending.stamps, self._ground_truth.stamps
         gap, wait = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("max_wait")
-        gap = max(gap, self._nanoseconds("ground_truth.lag"))
         served = np.zeros(len(stamps), dtype=np.bool_)
         if len(samples):
             near = np.searchsorted(samples, stamps - gap)
             served = samples[np.minimum(near, len(samples) - 1)] >= stamps - gap
-        given_up = np.where(served, stamps + self._patience, stamps + gap) + wait < now
+        given_up = ~served & (stamps + max(gap, self._nanoseconds("ground_truth.lag")) + wait < now)
         self._estimates.account.reject(Reason.NO_GROUND_TRUTH, int(given_up.sum()))
         self._pending = self._pending.where(~given_up)
 
@@ -257,12 +271,14 @@ class Engine:
         samples = self._ground_truth.stamps
         if not len(samples) or self._ground_truth.hyperparameters is None:
             return
-        oldest = int(samples[-1]) - self._patience
+        newest, held = int(samples[-1]), self._estimates.held_stamp
+        oldest = newest - self._patience - self._nanoseconds("max_wait")
         if self._newest_estimate is not None:
             waiting = int(self._pending.stamps[0]) if len(self._pending) else self._newest_estimate
-            oldest = max(oldest, min(waiting, int(samples[-1])))
+            oldest = max(oldest, min(waiting, newest))
+        if held is not None:
+            oldest = min(oldest, held + self._nanoseconds("estimate.time_offset"))
         self._ground_truth.forget(oldest)
-        self._forgotten = self._forgotten or self._ground_truth.stamps[0] != samples[0]
 
     def _results(self, evaluations: Evaluations) -> Results:
         return Results(
@@ -326,7 +342,7 @@ def _extrinsic(values: Mapping[str, Value]) -> Array:
     return se3.from_position_quaternion(extrinsic[:3], extrinsic[3:])
 
 
-def _model(values: Mapping[str, Value]) -> Model:
+def _settings(values: Mapping[str, Value]) -> Settings:
     def number(name: str) -> float:
         value = values[name]
         assert isinstance(value, float | int)
@@ -334,13 +350,14 @@ def _model(values: Mapping[str, Value]) -> Model:
 
     def group(name: str) -> GroupHyperparameters:
         components = [Component(number(f"gp.{name}.signal_std"), number(f"gp.{name}.length_scale"))]
-        rough = number(f"gp.{name}.rough_signal_std")
-        if values["gp.kernel"] == "matern52" and rough > 0.0:
-            components.append(Component(rough, number(f"gp.{name}.rough_length_scale")))
+        if values["gp.kernel"] == "matern52":
+            for part in ("rough", "correlated_noise"):
+                std, length = (number(f"gp.{name}.{part}_{n}") for n in ("std", "length_scale"))
+                components.append(Component(std, length))
         return GroupHyperparameters(tuple(components), number(f"gp.{name}.noise_std"))
 
     fixed = values["gp.hyperparameters"] == "fixed"
-    return Model(
+    return Settings(
         kernel=str(values["gp.kernel"]),
         hyperparameters=Hyperparameters(group("translation"), group("rotation")) if fixed else None,
         translation_std=number("ground_truth.translation_std"),
@@ -358,6 +375,6 @@ def _described(hyperparameters: Hyperparameters) -> str:
     groups = ((hyperparameters.translation, "m"), (hyperparameters.rotation, "rad"))
     texts = []
     for name, (group, unit) in zip(("translation", "rotation"), groups, strict=True):
-        parts = [f"{c.signal_std:.4g} {unit} over {c.length_scale:.4g} s" for c in group.components]
-        texts.append(f"{name} {' + '.join(parts)}, noise {group.noise_std:.4g} {unit}")
+        parts = [f"{c.std:.3g} {unit} over {c.length_scale:.3g} s" for c in group.components]
+        texts.append(f"{name} {' + '.join(parts)}, noise {group.noise_std:.3g} {unit}")
     return "learned " + "; ".join(texts)

@@ -15,6 +15,8 @@ from trajeval_ros.online.samples import PoseSamples
 
 Stamps = npt.NDArray[np.int64]
 
+_LOOK_AHEAD = 3
+
 
 def feed(
     engine: Engine, ground_truth: PoseSamples, estimate: PoseSamples, chunk: int = 1_000_000_000
@@ -38,8 +40,14 @@ def feed(
 
 
 def _arrival(stamps: Stamps) -> Stamps:
-    """When each pose arrives: no earlier than those before it."""
-    return np.asarray(np.maximum.accumulate(stamps)) if len(stamps) else stamps
+    """When each pose arrives: at its stamp, but no later than the next few, and in order.
+
+    So a wrong stamp far ahead does not hold up the poses after it.
+    """
+    arrival = stamps.copy()
+    for ahead in range(1, _LOOK_AHEAD + 1):
+        arrival[:-ahead] = np.minimum(arrival[:-ahead], stamps[ahead:])
+    return np.asarray(np.maximum.accumulate(arrival)) if len(stamps) else stamps
 
 
 def _chunk_ends(first: Stamps, second: Stamps, chunk: int) -> Iterator[int]:

@@ -22,8 +22,8 @@ Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-# A stamp further than this after the one before is held back until it is confirmed ...
-LEAP = 10_000_000_000
+# A stamp further than this (ns) after the one before is held back until it is confirmed ...
+LEAP = 500_000_000
 # ... or, where no further pose comes at all, believed up to this far.
 _LONGEST_LEAP = 3_600_000_000_000
 _LARGEST_COORDINATE = 1e9
@@ -73,6 +73,20 @@ class Intake:
             valid &= ~wrong
         chosen = _select(samples, valid)
         return self._convert(self._in_order(chosen))
+
+    @property
+    def held_stamp(self) -> int | None:
+        """Stamp of the pose held back."""
+        return None if self._held is None else int(self._held.stamps[0])
+
+    def confirm(self, now: int) -> Accepted:
+        """Let in the pose held back if its stamp is not after ``now`` (ns): it leaps nowhere."""
+        held = self._held
+        if held is None or held.stamps[0] > now or held.stamps[0] == 0:
+            return self._convert(_NOTHING)
+        self._held = None
+        self._let_in(int(held.stamps[0]))
+        return self._convert(held)
 
     def conclude(self) -> Accepted:
         """No more poses will come: let in the pose held back, unless its stamp is too far off."""
@@ -163,8 +177,10 @@ class Intake:
     def _convert(self, samples: PoseSamples) -> Accepted:
         poses = se3.from_position_quaternion(samples.positions, samples.quaternions)
         covariances = None
-        if self._use_covariance and samples.covariances is not None:
-            covariances = se3.covariance_from_fixed_axes(samples.covariances, poses)
+        if self._use_covariance:
+            given = samples.covariances
+            given = np.zeros((len(samples), 6, 6)) if given is None else given
+            covariances = se3.covariance_from_fixed_axes(given, poses)
         return Accepted(samples.stamps, poses, covariances)
 
 
@@ -194,8 +210,12 @@ def _joined(first: PoseSamples | None, second: PoseSamples) -> PoseSamples:
     if first is None:
         return second
     covariances = None
-    if first.covariances is not None and second.covariances is not None:
-        covariances = np.concatenate([first.covariances, second.covariances])
+    if first.covariances is not None or second.covariances is not None:
+        parts = [
+            np.zeros((len(part), 6, 6)) if part.covariances is None else part.covariances
+            for part in (first, second)
+        ]
+        covariances = np.concatenate(parts)
     return PoseSamples(
         np.concatenate([first.stamps, second.stamps]),
         np.concatenate([first.positions, second.positions]),

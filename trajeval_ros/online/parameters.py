@@ -118,25 +118,45 @@ def _topic(name: str, title: str) -> tuple[Parameter, ...]:
 def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, ...]:
     return (
         Parameter(
-            f"gp.{name}.signal_std", 0.5, f"Signal standard deviation of {title}", unit, above=0.0
-        ),
-        Parameter(f"gp.{name}.length_scale", 1.0, f"Length scale of {title}", "s", above=0.0),
-        Parameter(
-            f"gp.{name}.rough_signal_std",
-            0.0,
-            f"Signal standard deviation of the rough part of {title}, with matern52; 0: none",
+            f"gp.{name}.signal_std",
+            0.5,
+            f"Signal standard deviation of {title}",
             unit,
-            lower=0.0,
+            lower=1e-9,
+            upper=1e6,
         ),
         Parameter(
-            f"gp.{name}.rough_length_scale",
-            1.0,
-            f"Length scale of the rough part of {title}, with matern52",
-            "s",
-            above=0.0,
+            f"gp.{name}.length_scale", 1.0, f"Length scale of {title}", "s", lower=1e-3, upper=1e6
+        ),
+        *(
+            parameter
+            for part, text in (("rough", "rough motion"), ("correlated_noise", "correlated noise"))
+            for parameter in (
+                Parameter(
+                    f"gp.{name}.{part}_std",
+                    0.0,
+                    f"Standard deviation of the {text} in {title}, with matern52; 0: none",
+                    unit,
+                    lower=0.0,
+                    upper=1e6,
+                ),
+                Parameter(
+                    f"gp.{name}.{part}_length_scale",
+                    1.0,
+                    f"Length scale of the {text} in {title}, with matern52",
+                    "s",
+                    lower=1e-3,
+                    upper=1e6,
+                ),
+            )
         ),
         Parameter(
-            f"gp.{name}.noise_std", noise, f"Noise standard deviation of {title}", unit, above=0.0
+            f"gp.{name}.noise_std",
+            noise,
+            f"Noise standard deviation of {title}",
+            unit,
+            lower=1e-9,
+            upper=1e3,
         ),
     )
 
@@ -149,16 +169,25 @@ _TABLE = (
         0.0005,
         "Accuracy of the ground truth's position: the floor of its learned noise",
         "m",
-        above=0.0,
+        lower=1e-9,
+        upper=1e3,
     ),
     Parameter(
         "ground_truth.rotation_std",
         0.00087,
         "Accuracy of the ground truth's orientation: the floor of its learned noise",
         "rad",
-        above=0.0,
+        lower=1e-9,
+        upper=3.2,
     ),
-    Parameter("estimate.time_offset", 0.0, "Added to the stamps of the estimate", "s"),
+    Parameter(
+        "estimate.time_offset",
+        0.0,
+        "Added to the stamps of the estimate",
+        "s",
+        lower=-1e6,
+        upper=1e6,
+    ),
     Parameter(
         "extrinsic",
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
@@ -178,7 +207,7 @@ _TABLE = (
         1.0,
         "An estimate further than this from any ground-truth sample is not scored",
         "s",
-        above=0.0,
+        lower=1e-3,
         upper=3600.0,
     ),
     Parameter(
@@ -196,7 +225,7 @@ _TABLE = (
     *_group("translation", "the translation", "m", 0.001),
     *_group("rotation", "the rotation", "rad", 0.002),
     Parameter(
-        "segment.duration", 2.0, "Shortest duration of a segment", "s", above=0.0, upper=3600.0
+        "segment.duration", 2.0, "Shortest duration of a segment", "s", lower=1e-3, upper=3600.0
     ),
     Parameter(
         "segment.overlap", 0.5, "Share of a segment that overlaps the next", lower=0.1, upper=0.5
@@ -227,7 +256,12 @@ _TABLE = (
         choices=("se3", "none", "yaw_translation", "sim3"),
     ),
     Parameter(
-        "relative.delta", 1.0, "Step of the conventional relative error", "s or m", above=0.0
+        "relative.delta",
+        1.0,
+        "Step of the conventional relative error",
+        "s or m",
+        lower=1e-3,
+        upper=1e6,
     ),
     Parameter("relative.unit", "s", "Unit of relative.delta", choices=("s", "m")),
     Parameter(

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
 from trajeval_ros.metrics.absolute import absolute
 from trajeval_ros.metrics.first_order import absolute_first_order
 from trajeval_ros.metrics.gauge import Gauge, Similarity
@@ -40,9 +40,12 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
         "ground_truth": {
             "received": ground_truth.received,
             "used": ground_truth.used,
+            "pending": ground_truth.pending,
             "rejected": dict(ground_truth.rejected),
             "segments": health.segments,
-            "hyperparameters": None if hyperparameters is None else asdict(hyperparameters),
+            "hyperparameters": None
+            if hyperparameters is None
+            else _hyperparameters(hyperparameters),
         },
         "gauge": evaluation.gauge.name,
         "relative": _relative(evaluation),
@@ -50,6 +53,23 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
         "window": window_figures(evaluation.window(), evaluation.gauge),
         "conventional": _conventional(evaluation, values),
     }
+
+
+def _hyperparameters(hyperparameters: Hyperparameters) -> Figures:
+    """By the names of the parameters ``gp.*``, so that they can be pasted back."""
+    return {
+        "translation": _group(hyperparameters.translation),
+        "rotation": _group(hyperparameters.rotation),
+    }
+
+
+def _group(group: GroupHyperparameters) -> Figures:
+    prefixes = ("signal", "rough", "correlated_noise")
+    figures: Figures = {}
+    for prefix, component in zip(prefixes, group.components, strict=False):
+        length = "length_scale" if prefix == "signal" else f"{prefix}_length_scale"
+        figures |= {f"{prefix}_std": component.std, length: component.length_scale}
+    return {**figures, "noise_std": group.noise_std}
 
 
 def _likelihood(likelihood: GaussianLogLikelihood | None) -> Figures:
