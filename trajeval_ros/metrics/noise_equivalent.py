@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.metrics.absolute import absolute_residual
+from trajeval_ros.metrics.band import BandFactor
 from trajeval_ros.metrics.gauge import Gauge, Similarity
 
 Array = npt.NDArray[np.float64]
@@ -50,44 +51,59 @@ class NoiseEquivalent:
 
 @dataclass(frozen=True, slots=True)
 class _Evaluation:
-    """The log-likelihood l(v) but for a constant, its gradient (2,), and Fisher's information."""
+    """The log-likelihood l(v) but for a constant, its gradient (2,), and its curvature.
+
+    expected: Fisher's information, (2, 2), ``1/2 tr(C^-1 N_a C^-1 N_b)``.
+    observed: minus the second derivative, (2, 2), ``u^T N_a P N_b u - 1/2 tr(...)``: another one,
+    where the residuals are not the white noise that they are taken for.
+    """
 
     value: float
     gradient: Array
-    information: Array
+    expected: Array
+    observed: Array
     optimum: Array
 
 
 def _evaluate(covariance: Array, jacobian: Array, residual: Array, variance: Array) -> _Evaluation:
+    count, d = len(residual), jacobian.shape[-1]
     noisy = covariance.copy()
     diagonal = np.arange(6)
     noisy[:, diagonal, diagonal] += np.repeat(variance, 3)
-    weight = np.linalg.inv(noisy)
-    weighted = weight @ jacobian
-    lever = np.tensordot(jacobian, weighted, axes=((0, 1), (0, 1)))
-    optimum = -np.linalg.solve(lever, np.tensordot(weighted, residual, axes=((0, 1), (0, 1))))
-    left = residual + jacobian @ optimum
-    u = (weight @ left[..., None])[..., 0]
-    value = -0.5 * float(
-        np.linalg.slogdet(noisy)[1].sum() + np.linalg.slogdet(lever)[1] + (u * left).sum()
-    )
-    gradient, information = np.zeros(2), np.zeros((2, 2))
+    factor = BandFactor.of(noisy[:, None])
+    columns = np.empty((count, 6, d + 7))
+    columns[..., :d], columns[..., d], columns[..., d + 1 :] = jacobian, residual, np.eye(6)
+    white = factor.whiten(columns)
+    root = np.linalg.qr(white[:, :d], mode="r")
+    optimum = -np.linalg.solve(root, np.linalg.solve(root.T, white[:, :d].T @ white[:, d]))
+    left = white[:, :d] @ optimum + white[:, d]
+    unwhiten = white[:, d + 1 :].reshape(count, 6, 6).swapaxes(-1, -2)
+    weight = unwhiten @ unwhiten.swapaxes(-1, -2)
+    weighted = unwhiten @ white[:, :d].reshape(count, 6, d)
+    u = (unwhiten @ left.reshape(count, 6, 1))[..., 0]
+    log_lever = 2.0 * np.log(np.abs(np.diagonal(root))).sum()
+    value = -0.5 * float(factor.log_det + log_lever + left @ left)
+    gradient, expected, square = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
+    pulled = np.zeros((2, d))
     for a, rows in enumerate(_GROUPS):
-        seen = weighted[:, rows].reshape(3 * len(residual), jacobian.shape[-1])
-        trace = np.einsum("mii->", weight[:, rows, rows])
-        trace -= np.einsum("ij,ij->", seen, np.linalg.solve(lever, seen.T).T)
+        seen = np.linalg.solve(root.T, weighted[:, rows].reshape(3 * count, d).T)
+        trace = np.einsum("mii->", weight[:, rows, rows]) - (seen**2).sum()
         gradient[a] = -0.5 * (trace - (u[:, rows] ** 2).sum())
-        for b, columns in enumerate(_GROUPS):
-            information[a, b] = 0.5 * (weight[:, rows, columns] ** 2).sum()
-    return _Evaluation(value, gradient, information, optimum)
+        pulled[a] = seen @ u[:, rows].reshape(-1)
+        for b, others in enumerate(_GROUPS):
+            expected[a, b] = 0.5 * (weight[:, rows, others] ** 2).sum()
+            across = (weight[:, rows, others] @ u[:, others, None])[..., 0]
+            square[a, b] = (u[:, rows] * across).sum()
+    observed = square - pulled @ pulled.T - expected
+    return _Evaluation(value, gradient, expected, observed, optimum)
 
 
-def _scoring_step(variance: Array, at: _Evaluation) -> Array:
-    """Fisher's scoring, the variances kept from falling below zero."""
+def _scoring_step(variance: Array, at: _Evaluation, information: Array) -> Array:
+    """A step of scoring, the variances kept from falling below zero."""
     free = (variance > 0.0) | (at.gradient > 0.0)
     step = np.zeros(2)
     if free.any():
-        step[free] = np.linalg.solve(at.information[np.ix_(free, free)], at.gradient[free])
+        step[free] = np.linalg.solve(information[np.ix_(free, free)], at.gradient[free])
     return np.maximum(variance + step, 0.0) - variance
 
 
@@ -96,8 +112,10 @@ def _maximize(
 ) -> tuple[Array, Array, bool]:
     """The variances (2,), the gauge's optimum (d,) there, and whether it converged."""
     at = _evaluate(covariance, jacobian, residual, variance)
-    for _ in range(_MAX_STEPS):
-        step = _scoring_step(variance, at)
+    for iteration in range(_MAX_STEPS):
+        # From afar the expected information finds the scale; near the end Newton's step converges.
+        newton = iteration > 0 and np.linalg.eigvalsh(at.observed)[0] > 0.0
+        step = _scoring_step(variance, at, at.observed if newton else at.expected)
         if float(at.gradient @ step) < _GAIN:
             return variance, at.optimum, True
         for _ in range(_MAX_HALVINGS):
