@@ -164,6 +164,8 @@ class RichView:
         self._live.stop()
 
 
+_HEALTH = ("ground truth", "estimate", "synchronization", "consistency", "performance", "clock")
+
 _STYLES = {0: "green", 1: "yellow", 2: "bold red", 3: "magenta"}
 
 # Title, unit, where the running and the windowed figure are, what the trend follows.
@@ -228,7 +230,7 @@ def render(state: State) -> Any:
     table.add_column("", no_wrap=True)
     table.add_column("whole run", justify="right", no_wrap=True, min_width=11)
     table.add_column("window", justify="right", no_wrap=True, min_width=11)
-    table.add_column("trend of the window", no_wrap=True, min_width=24)
+    table.add_column("trend", no_wrap=True, min_width=24)
     for title, show, running, windowed in _ROWS:
         trend = state.trends.get("/".join(windowed)) or state.trends.get("/".join(running)) or ()
         table.add_row(
@@ -248,7 +250,10 @@ def render(state: State) -> Any:
     health.add_column(no_wrap=True)
     health.add_column(no_wrap=True)
     health.add_column()
-    for name, entry in sorted(state.health.items()):
+    order = [name for name in _HEALTH if name in state.health]
+    order += sorted(set(state.health) - set(_HEALTH))
+    for name in order:
+        entry = state.health[name]
         level = LEVELS.get(entry.level, "?")
         health.add_row(Text(level, style=_STYLES.get(entry.level, "")), name, entry.message)
     return Panel(

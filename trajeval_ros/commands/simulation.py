@@ -39,7 +39,7 @@ def motion(seconds: Array) -> Array:
 
     The position is a sum of sines, entered smoothly from a stand. The thrust axis follows the
     acceleration plus gravity, as a multirotor's must, and the heading turns by itself; speeds
-    reach 5 m/s and the tilt 38 degrees.
+    reach 4 m/s and the tilt 20 degrees.
     """
     phase = _warp(seconds)
     position = _path(phase)
@@ -63,7 +63,7 @@ def motion(seconds: Array) -> Array:
 def _warp(seconds: Array) -> Array:
     """Time along the path: stands for two seconds, then gathers speed within about three."""
     # softplus, written so that it does not overflow
-    return np.asarray(0.6 * np.logaddexp(0.0, (seconds - 3.5) / 0.6))
+    return np.asarray(0.45 * np.logaddexp(0.0, (seconds - 3.5) / 0.6))
 
 
 def _path(phase: Array) -> Array:

@@ -1,0 +1,136 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``demo``: publisher, node and subscriber as three real processes over DDS."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from trajeval_ros.commands.simulate import write_files
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = {
+    **os.environ,
+    "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+}
+
+
+def command(name: str, *arguments: object) -> list[str]:
+    return [sys.executable, "-m", f"trajeval_ros.commands.{name}", *map(str, arguments)]
+
+
+def run(name: str, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(name, *arguments),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        cwd=cwd,
+        env=ENVIRONMENT,
+    )
+
+
+def close(live: Any, read: Any, path: str = "") -> None:
+    """Assert that everything in ``read`` is in ``live``, numbers to 1e-9."""
+    if isinstance(read, dict):
+        for key in read:
+            close(live[key], read[key], f"{path}.{key}")
+    elif isinstance(read, list):
+        assert len(live) == len(read), path
+        for index, value in enumerate(read):
+            close(live[index], value, f"{path}[{index}]")
+    elif isinstance(read, float):
+        assert live == pytest.approx(read, rel=1e-9, abs=1e-15), path
+    else:
+        assert live == read, path
+
+
+@pytest.mark.ros
+def test_live_figures_are_those_of_the_files(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    truth, estimate = write_files(tmp_path, 24.0, 3)
+    demo = run(
+        "demo",
+        *("--ground-truth", truth, "--estimate", estimate),
+        *("--rate", 6, "--output", tmp_path / "live"),
+        cwd=tmp_path,
+    )
+    assert demo.returncode == 0, demo.stdout + demo.stderr
+    assert "none lost" in demo.stdout
+    assert "%" in demo.stdout
+    report = tmp_path / "live" / "report.html"
+    assert f"Report: {report}" in demo.stdout
+    assert report.is_file()
+
+    offline = run("evaluate", "tum", truth, estimate, "--output", tmp_path / "file", cwd=tmp_path)
+    assert offline.returncode == 0, offline.stderr
+    figures = {
+        name: json.loads((tmp_path / name / "summary.json").read_text(encoding="utf-8"))
+        for name in ("live", "file")
+    }
+    # evaluate has all poses in memory at the end, the node does not.
+    figures["file"]["absolute"].pop("log_likelihood_nonlinear")
+    # Round-off itself, so not the same in both.
+    assert figures["live"]["absolute"]["consistency"] < 1e-9
+    figures["file"]["absolute"].pop("consistency")
+    close(figures["live"], figures["file"])
+
+
+@pytest.mark.ros
+def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    truth, estimate = write_files(tmp_path, 24.0, 3)
+    output = tmp_path / "live"
+    demo = subprocess.Popen(
+        command(
+            *("demo", "--ground-truth", truth, "--estimate", estimate),
+            *("--rate", 1, "--output", output),
+        ),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+    )
+    time.sleep(5.0)
+    assert len(processes_about(tmp_path)) == 3
+    demo.send_signal(signal.SIGINT)
+    _, errors = demo.communicate(timeout=30)
+    assert demo.returncode == 130
+    assert errors == "demo: error: interrupted\n"
+    assert processes_about(tmp_path) == []
+    assert (output / "summary.json").is_file(), "the node has written what there was"
+
+
+def processes_about(path: Path) -> list[str]:
+    """Command lines that name the folder."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            line = process.read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue  # it has ended since
+        if str(path) in line and "trajeval_ros" in line:
+            found.append(line)
+    return found
+
+
+@pytest.mark.parametrize("option", ["--ground-truth", "--estimate"])
+def test_one_file_without_the_other_is_wrong_usage(option: str, tmp_path: Path) -> None:
+    result = run("demo", option, "a.txt", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "give both" in result.stderr
+
+
+def test_bad_files_are_refused_before_anything_starts(tmp_path: Path) -> None:
+    result = run("demo", "--ground-truth", "a.txt", "--estimate", "b.txt", cwd=tmp_path)
+    assert result.returncode == 1
+    assert result.stderr == "demo: error: a.txt: it cannot be read: no such file or directory\n"
