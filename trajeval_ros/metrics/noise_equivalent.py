@@ -74,7 +74,8 @@ def _evaluate(covariance: Array, jacobian: Array, residual: Array, variance: Arr
     columns = np.empty((count, 6, d + 7))
     columns[..., :d], columns[..., d], columns[..., d + 1 :] = jacobian, residual, np.eye(6)
     white = factor.whiten(columns)
-    root = np.linalg.qr(white[:, :d], mode="r")
+    # NumPy's annotation leaves out that mode="r" returns an array alone.
+    root = np.asarray(np.linalg.qr(white[:, :d], mode="r"))
     optimum = -np.linalg.solve(root, np.linalg.solve(root.T, white[:, :d].T @ white[:, d]))
     left = white[:, :d] @ optimum + white[:, d]
     unwhiten = white[:, d + 1 :].reshape(count, 6, 6).swapaxes(-1, -2)
