@@ -119,9 +119,7 @@ class Graph:
     # ------------------------------------------------------------------------------- processes
 
     def start(self, *command: str) -> Process:
-        process = Process(
-            command, self.domain, self.folder / f"process_{len(self._processes)}.log"
-        )
+        process = Process(command, self.domain, self.folder / f"process_{len(self._processes)}.log")
         self._processes.append(process)
         return process
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A publisher process: ``player.py GROUND_TRUTH.npz ESTIMATE.npz RATE [DELAY]``.
+"""A publisher process: ``player.py GROUND_TRUTH.npz ESTIMATE.npz RATE``.
 
 It waits for the subscriptions, publishes everything, merged by stamp, at RATE messages a second,
-with the ground truth DELAY seconds of stamps late, and ends when all is acknowledged.
+and ends when all is acknowledged.
 """
 
 import sys
@@ -35,7 +35,6 @@ def main() -> None:
     publish_in_order(publishers, streams, float(sys.argv[3]))
     for publisher in publishers:
         publisher.wait_for_all_acked(Duration(seconds=20))
-    print("published", *(len(stream) for stream in streams))
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from trajeval_ros.node.inputs import Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
 from trajeval_ros.node.session import Session
+from trajeval_ros.node.visualization import Visualization
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 
@@ -32,6 +33,8 @@ _LONGEST_BATCH_PERIOD = 0.1
 _LONGEST_METRICS_PERIOD = 2.0
 _DISCOVERY_PERIOD = 0.1
 _DIAGNOSTICS_PERIOD = 1.0
+_PATH_PERIOD = 1.0
+_MARKER_PERIOD = 0.2
 # What a subscriber may take at shutdown, s.
 _PARTING = 0.5
 
@@ -67,6 +70,7 @@ class Evaluator(Node):
         self._session = Session(values, sources)
         parameters.watch(self, self._session.change)
         self._outputs = Outputs(self)
+        self._visualization = Visualization(self)
         self._monitor = Monitor(self, self._session)
         self._stamp_clock = StampClock()
         self._jumps = JumpDetector()
@@ -81,6 +85,8 @@ class Evaluator(Node):
         self.create_timer(_BATCH_PERIOD, self._on_batch, clock=steady)
         self.create_timer(_DISCOVERY_PERIOD, self._on_discovery, clock=steady)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
+        self.create_timer(_PATH_PERIOD, self._visualization.publish_paths, clock=steady)
+        self.create_timer(_MARKER_PERIOD, self._visualization.publish_markers, clock=steady)
         if self._session.error is not None:
             self.get_logger().error(self._session.error)
 
@@ -213,6 +219,7 @@ class Evaluator(Node):
             return
         body = self._ground_truth.child_frame or self._estimate.child_frame
         self._outputs.publish(results, self._ground_truth.frame, body)
+        self._visualization.add(results, self._ground_truth.frame)
         self._latest_evaluated = int(results.evaluations.stamps[-1])
         self._metrics_due = True
 
@@ -248,6 +255,7 @@ class Evaluator(Node):
         self._jumps.forget_stamps()
         self._latest_evaluated = None
         self._metrics_due = False
+        self._visualization.clear()
         self._monitor.reset()
 
     def _save(self) -> str | None:

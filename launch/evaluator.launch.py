@@ -1,0 +1,70 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node.
+
+ros2 launch trajeval_ros evaluator.launch.py estimate:=/odom ground_truth:=/vicon/robot
+"""
+
+import os
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from launch import LaunchContext, LaunchDescription
+
+SHARE = get_package_share_directory("trajeval_ros")
+
+ARGUMENTS = (
+    ("estimate", "estimate", "Topic of the estimate"),
+    ("ground_truth", "ground_truth", "Topic of the ground truth"),
+    ("params_file", os.path.join(SHARE, "config", "evaluator.yaml"), "Parameters of the node"),
+    ("output_directory", "", "Where the results are written at the end; nowhere when empty"),
+    ("namespace", "", "Namespace of the node"),
+    ("use_sim_time", "false", "Take the time from /clock"),
+    ("rviz", "false", "Start RViz too"),
+)
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """Return the nodes; the arguments have their values by now."""
+    value = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
+    overrides = {"use_sim_time": value["use_sim_time"].lower() == "true"}
+    if value["output_directory"]:
+        # Otherwise the parameter file has the word.
+        overrides["output.directory"] = value["output_directory"]
+    evaluator = Node(
+        package="trajeval_ros",
+        executable="evaluator",
+        namespace=value["namespace"],
+        output="screen",
+        emulate_tty=True,
+        parameters=[value["params_file"], overrides],
+        remappings=[
+            ("estimate", value["estimate"]),
+            ("ground_truth", value["ground_truth"]),
+        ],
+        # The report may take seconds to write: do not kill the node over it.
+        sigterm_timeout="30",
+        sigkill_timeout="30",
+    )
+    if value["rviz"].lower() != "true":
+        return [evaluator]
+    rviz = Node(
+        package="rviz2",
+        executable="rviz2",
+        namespace=value["namespace"],
+        arguments=["-d", os.path.join(SHARE, "config", "evaluator.rviz")],
+        parameters=[{"use_sim_time": overrides["use_sim_time"]}],
+    )
+    return [evaluator, rviz]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the launch description."""
+    arguments = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, default, description in ARGUMENTS
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=nodes)])
