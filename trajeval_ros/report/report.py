@@ -55,16 +55,18 @@ class Report:
         if estimate is not None:
             self.estimate.add(estimate)
 
+    def run(self, summary: Mapping[str, Any]) -> Run:
+        """Return the run as it stands."""
+        return Run(
+            summary=summary,
+            parameters=self.parameters,
+            sources=self.sources,
+            notices=tuple(self.notices),
+            buckets=self.track.buckets(),
+            ground_truth=self.ground_truth,
+            estimate=self.estimate,
+        )
+
     def render(self, summary: Mapping[str, Any]) -> str:
         """Return the page. Without matplotlib it has the tables, and says how to get the rest."""
-        return page(
-            Run(
-                summary=summary,
-                parameters=self.parameters,
-                sources=self.sources,
-                notices=tuple(self.notices),
-                buckets=self.track.buckets(),
-                ground_truth=self.ground_truth,
-                estimate=self.estimate,
-            )
-        )
+        return page(self.run(summary))

@@ -1,0 +1,237 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page, from a run of the engine."""
+
+import html.parser
+import re
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trajeval_ros import se3
+from trajeval_ros.commands.simulation import simulate
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
+from trajeval_ros.online.parameters import complete
+from trajeval_ros.online.results import Evaluations, Notice, Results
+from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.report import Report
+from trajeval_ros.report.series import make_series, vertical_axis
+
+SECTIONS = [
+    "Trajectory",
+    "Over time",
+    "Figures",
+    "Every message",
+    "The ground truth's model",
+    "How to read this",
+    "Parameters",
+]
+PANELS = [
+    "From above: x, y in metres",
+    "Height: z in metres over time",
+    "Translation error",
+    "Rotation error",
+    "Log-likelihood since the start",
+    "Log-likelihood gained in the last 30 s",
+    "χ² per degree of freedom",
+    "Coverage: messages a second",
+]
+
+
+@pytest.fixture(scope="module")
+def evaluated() -> tuple[Report, dict[str, Any]]:
+    """A simulated run with two dropouts, and its report."""
+    run = simulate(30.0, seed=1)
+    engine = Engine({})
+    report = Report(complete({}), {"ground truth": "/mocap <1>", "estimate": "/odom & more"})
+    samples = [
+        PoseSamples(poses.stamps, *se3.to_position_quaternion(poses.poses))
+        for poses in (run.ground_truth, run.estimate)
+    ]
+    for results in feed(engine, *samples):
+        report.add(results)
+    report.add_received(ground_truth=run.ground_truth.stamps, estimate=run.estimate.stamps)
+    report.notices.append(Notice("warning", "test", "x < y & z"))
+    return report, engine.summary()
+
+
+@pytest.fixture(scope="module")
+def page(evaluated: tuple[Report, dict[str, Any]]) -> str:
+    pytest.importorskip("matplotlib")
+    report, summary = evaluated
+    return report.render(summary)
+
+
+class Reader(html.parser.HTMLParser):
+    """Checks that every element is closed, and collects what is in the page."""
+
+    EMPTY = frozenset(["meta", "br", "link", "img"])
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.tags: list[str] = []
+        self.references: list[str] = []
+        self.headings: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+        for name, value in attributes:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href", "action"):
+                self.references.append(value or "")
+
+    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attributes)
+        if tag not in self.EMPTY:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+        if self.open and self.open[-1] == "h2":
+            self.headings.append(data)
+
+
+def read(page: str) -> Reader:
+    reader = Reader()
+    reader.feed(page)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+def test_page_is_whole_and_has_every_section_and_figure(page: str) -> None:
+    reader = read(page)
+    assert reader.headings == SECTIONS
+    assert reader.tags.count("svg") == 2
+    text = "".join(reader.text)
+    for panel in PANELS:
+        assert panel in text
+    assert len(reader.ids) == len(set(reader.ids))
+
+
+def test_page_needs_nothing_from_elsewhere(page: str) -> None:
+    reader = read(page)
+    assert "script" not in reader.tags
+    assert "link" not in reader.tags
+    # data: is the colour bar, which matplotlib has as a picture
+    assert all(reference.startswith(("#", "data:")) for reference in reader.references)
+    targets = {reference[1:] for reference in reader.references if reference[0] == "#"}
+    targets |= set(re.findall(r"url\(#([^)]+)\)", page))
+    assert targets <= set(reader.ids)
+    assert "@import" not in page
+    # nothing but the names of XML's vocabularies looks like an address
+    addresses = set(re.findall(r"https?://[^\s\"'<]+", page))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+
+
+def test_what_users_write_is_text(page: str) -> None:
+    text = "".join(read(page).text)
+    for expected in ("/mocap <1>", "/odom & more", "x < y & z"):
+        assert expected in text
+
+
+def test_page_without_matplotlib_has_the_tables_and_says_how_to_get_the_rest(
+    evaluated: tuple[Report, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report, summary = evaluated
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.delitem(sys.modules, "trajeval_ros.report.plots", raising=False)
+    monkeypatch.delattr("trajeval_ros.report.plots", raising=False)
+    reader = read(report.render(summary))
+    assert reader.headings == SECTIONS[2:]
+    assert "pip install matplotlib" in "".join(reader.text)
+    assert "svg" not in reader.tags
+
+
+def test_page_of_a_run_without_any_evaluated_pose() -> None:
+    reader = read(Report(complete({}), {}).render(Engine({}).summary()))
+    assert "No estimate has been evaluated." in "".join(reader.text)
+
+
+def test_page_of_the_very_first_poses() -> None:
+    pytest.importorskip("matplotlib")
+    run = simulate(30.0, seed=1)
+    engine = Engine({"gp.hyperparameters": "fixed"})
+    report = Report(complete({"gp.hyperparameters": "fixed"}), {})
+    for count, poses, add in (
+        (60, run.ground_truth, engine.add_ground_truth),
+        (2, run.estimate, engine.add_estimate),
+    ):
+        add(PoseSamples(poses.stamps[:count], *se3.to_position_quaternion(poses.poses[:count])))
+    report.add(engine.finish())
+    summary = engine.summary()
+    assert summary["estimate"]["evaluated"] in (1, 2)
+    assert read(report.render(summary)).headings == SECTIONS
+
+
+def test_page_of_a_long_run_is_bounded() -> None:
+    pytest.importorskip("matplotlib")
+    count = 200_000
+    generator = np.random.default_rng(0)
+    seconds = np.arange(count) * 0.05
+    xi = np.stack([np.sin(seconds / 7), np.cos(seconds / 11), seconds / 1e4] + 3 * [0 * seconds])
+    poses = se3.exp(xi.T)
+    error = generator.normal(size=(count, 6)) * 0.01
+    report = Report(complete({}), {})
+    ones = np.ones(count)
+    report.add(
+        Results(
+            Evaluations(
+                (seconds * 1e9).astype(np.int64),
+                poses,
+                np.broadcast_to(np.eye(6) * 1e-6, (count, 6, 6)),
+                se3.compose(poses, se3.exp(error)),
+                error,
+                error,
+                6 * ones,
+                -70 * ones,
+                -30 * ones,
+                -30 * np.cumsum(ones),
+            ),
+            (),
+            -30.0 * count,
+            None,
+        )
+    )
+    summary = Engine({}).summary()
+    summary["absolute"]["alignment"] = {"pose": [0, 0, 0, 0, 0, 0, 1], "scale": 1.0}
+    assert len(report.render(summary)) < 3_000_000
+
+
+def test_series_are_those_of_the_run(evaluated: tuple[Report, dict[str, Any]]) -> None:
+    report, summary = evaluated
+    run = report.run(summary)
+    series = make_series(run)
+    assert series.seconds[0] > 0
+    assert series.seconds[-1] <= series.end
+    rms = float(np.sqrt(np.mean(series.translation_error**2)))
+    assert rms == pytest.approx(summary["absolute"]["translation_rmse"], rel=0.01)
+    # the whole run lies within the window at first, so both totals are the same there
+    early = series.ends < 25.0
+    np.testing.assert_allclose(
+        series.window_relative[early], series.relative_log_likelihood[early], rtol=1e-12
+    )
+    assert np.all(series.window_dof[early] == 6 * np.arange(1, early.sum() + 1))
+    # nothing is scored in the middle of the longer dropout, 21 s to 25 s
+    assert not np.any((series.seconds > 22.1) & (series.seconds < 23.9))
+    assert len(series.breaks) >= 1
+
+
+def test_vertical_axis() -> None:
+    generator = np.random.default_rng(0)
+    drone = generator.normal(size=(100, 3)) * [3, 3, 1]
+    car_in_camera_axes = generator.normal(size=(100, 3)) * [300, 5, 300]
+    planar = generator.normal(size=(100, 3)) * [10, 10, 0]
+    assert [vertical_axis(p) for p in (drone, car_in_camera_axes, planar)] == [2, 1, 2]
