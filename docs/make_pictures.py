@@ -1,14 +1,21 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the pictures in ``docs/images`` from recordings, with the package itself.
+"""Makes the pictures in ``docs/images`` with the package itself.
 
-Usage: ``python docs/make_pictures.py GROUND_TRUTH ESTIMATE`` with TUM's freiburg2_desk, which has a
-gap of 12 s in its ground truth.
+    python docs/make_pictures.py gap GROUND_TRUTH ESTIMATE
+    python docs/make_pictures.py report REPORT.html
+    python docs/make_pictures.py calibration
+
+``gap`` wants TUM's freiburg2_desk, which has a gap of 12 s in its ground truth. ``report`` takes a
+picture of the upper part of a report with chromium. ``calibration`` draws what
+``benchmarks/calibration.py`` measures.
 """
 
 from __future__ import annotations
 
 import argparse
+import subprocess
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +27,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
+from benchmarks import calibration as measured
 from trajeval_ros.commands.scoring import samples
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.online.engine import Engine
@@ -89,7 +98,7 @@ def gap(run: Evaluated) -> None:
         color=TRUTH,
         alpha=0.25,
         linewidth=0,
-        label="ground truth, two standard deviations",
+        label="its two standard deviations",
     )
     above.plot(seconds, position[:, axis], color=TRUTH, label="ground truth, mean")
     above.plot(
@@ -111,7 +120,7 @@ def gap(run: Evaluated) -> None:
     )
     above.set_ylim(low - 0.03 * (high - low), high)
     above.set_ylabel("x (m)")
-    above.legend(frameon=False, fontsize=9)
+    above.legend(frameon=False, fontsize=9, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     translation, angle = deviations(covariance)
     below.semilogy(seconds, translation * 1e3, color=TRUTH, label="position (mm)")
     below.semilogy(seconds, np.degrees(angle), color=ESTIMATE, label="rotation (deg)")
@@ -130,13 +139,82 @@ def _save(figure: Any, axes: tuple[Any, ...], name: str) -> None:
     plt.close(figure)
 
 
+def report(page: str) -> None:
+    """The upper part of a report, as a browser shows it."""
+    with tempfile.TemporaryDirectory() as folder:
+        shot = Path(folder) / "report.png"
+        subprocess.run(
+            [
+                "chromium",
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--hide-scrollbars",
+                f"--user-data-dir={folder}/profile",
+                "--window-size=1100,1420",
+                f"--screenshot={shot}",
+                Path(page).absolute().as_uri(),
+            ],
+            check=True,
+            stderr=subprocess.DEVNULL,
+        )
+        # The quantised picture is a third as large, and looks the same.
+        with Image.open(shot) as image:
+            image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
+
+
+KERNELS = {"matern52": TRUTH, "squared_exponential": ESTIMATE}
+
+
+def calibration() -> None:
+    """Error and ANEES over the rate to which ground truth is thinned, one line a sequence."""
+    figure, (above, below) = plt.subplots(
+        2, 1, figsize=(8.0, 6.0), sharex=True, layout="constrained"
+    )
+    for sequence in measured.SEQUENCES:
+        cells = list(measured.cells(sequence))
+        rates = [cell.rate for cell in cells]
+        for method, color in (("nearest", "#b8bfc6"), ("linear", SAMPLES)):
+            errors = [measured.score_interpolation(cell, method).position_rmse for cell in cells]
+            above.loglog(rates, np.array(errors) * 1e3, color=color, label=f"{method} sample(s)")
+        for kernel, color in KERNELS.items():
+            scores = [measured.score_process(cell, kernel, measured.LAG) for cell in cells]
+            errors = [score.position_rmse for score in scores]
+            above.loglog(rates, np.array(errors) * 1e3, color=color, label=kernel)
+            below.loglog(rates, [score.anees for score in scores], ".-", color=color, label=kernel)
+    below.axhspan(0.5, 2.0, color=SAMPLES, alpha=0.12, linewidth=0)
+    above.set_ylabel("position error, RMS (mm)")
+    below.set_ylabel("ANEES (1: calibrated)")
+    below.set_xlabel("ground truth thinned to (Hz)")
+    below.set_xticks(measured.RATES, [str(rate) for rate in measured.RATES])
+    below.minorticks_off()
+    for axis in (above, below):
+        handles, labels = axis.get_legend_handles_labels()
+        unique = dict(zip(labels, handles, strict=True))
+        axis.legend(unique.values(), unique.keys(), frameon=False, fontsize=9)
+    _save(figure, (above, below), "calibration.png")
+
+
 def main() -> None:
-    """Make every picture."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("ground_truth")
-    parser.add_argument("estimate")
+    """Make one picture."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    pictures = parser.add_subparsers(dest="picture", required=True)
+    of_gap = pictures.add_parser("gap")
+    of_gap.add_argument("ground_truth")
+    of_gap.add_argument("estimate")
+    pictures.add_parser("report").add_argument("page")
+    pictures.add_parser("calibration")
     arguments = parser.parse_args()
-    gap(evaluated(arguments.ground_truth, arguments.estimate, **{"ground_truth.max_gap": 20.0}))
+    match arguments.picture:
+        case "gap":
+            parameters = {"ground_truth.max_gap": 20.0}
+            gap(evaluated(arguments.ground_truth, arguments.estimate, **parameters))
+        case "report":
+            report(arguments.page)
+        case "calibration":
+            calibration()
 
 
 if __name__ == "__main__":
