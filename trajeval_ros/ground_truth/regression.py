@@ -23,7 +23,6 @@ from scipy.linalg import lapack
 
 from trajeval_ros.ground_truth.hyperparameters import (
     DEGREES_OF_FREEDOM,
-    LEAST_SCALE,
     Component,
     GroupHyperparameters,
 )
@@ -58,16 +57,12 @@ class Regression:
         kernels: tuple[Kernel, ...],
         hyperparameters: GroupHyperparameters,
         coordinates: int,
-        noise_floor: float,
     ) -> None:
-        """Start without samples; the scale does not bring the noise below ``noise_floor``."""
+        """Start without samples."""
         self._components = hyperparameters.components
         self._kernels = kernels[: len(self._components)]
         self._variance = sum(c.std**2 for c in self._components)
         self._mean_precision = 1.0 / (_FLAT**2 * self._variance)
-        floor = min((noise_floor / hyperparameters.noise_std) ** 2, 1.0)
-        self._least_scale = max(floor, LEAST_SCALE)
-        self._coordinates = coordinates
         self._count = 0
         self._times = np.empty(0)
         self._factor = np.empty((0, 0))
@@ -142,25 +137,21 @@ class Regression:
         return sum_of_kernels(self._kernels, self._components, apart)
 
     def posterior(self, times: Array, counts: Counts) -> tuple[Array, Array]:
-        """Return mean (q, c) and variance (q,), given the first ``counts`` (q,) >= 1 samples."""
+        """Return mean (q, c) and ``P / s²`` (q,), given the first ``counts`` (q,) >= 1 samples."""
         white, r, mean = self._whitened(times, counts)
         sums = self._sums[counts - 1]
         information = sums[:, 0]
         mean = mean + (r / information)[:, None] * sums[:, 1:-1]
         variance = self._variance - _column_sums(white * white)[: len(times)] + r * r / information
-        variance = np.maximum(variance, _ROUND_OFF * self._variance)
-        return mean, self._scale(counts) * variance
+        return mean, np.maximum(variance, _ROUND_OFF * self._variance)
 
-    def _scale(self, counts: Counts) -> Array:
-        """``s²`` given the first ``counts`` (q,) samples; (q,)."""
+    def squares(self, counts: Counts) -> Array:
+        """``Σ q`` over the coordinates, given the first ``counts`` (q,) samples; (q,)."""
         sums = self._sums[counts - 1]
-        square = sums[:, -1] - (sums[:, 1:-1] ** 2).sum(axis=1) / sums[:, 0]
-        freedom = self._coordinates * (counts - 1)
-        scale = (DEGREES_OF_FREEDOM + square) / (DEGREES_OF_FREEDOM + freedom)
-        return np.asarray(np.maximum(scale, self._least_scale))
+        return np.asarray(sums[:, -1] - (sums[:, 1:-1] ** 2).sum(axis=1) / sums[:, 0])
 
     def covariance(self, times: Array, counts: Counts) -> Array:
-        """Return the posterior covariance (q, q), each pair given the larger of its two sets.
+        """Return the posterior covariance over ``s²`` (q, q), given the larger of two sets.
 
         The later error is orthogonal to all that the earlier answer knew, so that is the covariance
         of the errors.
@@ -175,8 +166,7 @@ class Regression:
             update = np.outer(r, r) / self._sums[count - 1, 0] - rows.T @ rows
             chosen = pair == count
             result[chosen] += update[chosen]
-        scale = np.sqrt(self._scale(counts))
-        return np.asarray(result * scale[:, None] * scale)
+        return result
 
     def _whitened(self, times: Array, counts: Counts) -> tuple[Array, Array, Array]:
         """``v`` (rows, panels of q), zero from row ``counts`` on; ``r`` (q,); ``vᵀ z`` (q, c)."""
@@ -194,6 +184,14 @@ class Regression:
         products = np.stack([_column_sums(white * column[:, None]) for column in columns], axis=-1)
         products = products[: len(times)]
         return white, 1.0 - products[:, 0], products[:, 1:]
+
+
+def scale(squares: Array, counts: Counts, coordinates: int, least: float) -> Array:
+    """``s²`` of ``coordinates`` coordinates with ``Σ q = squares`` (q,), ``least`` or more; (q,)."""
+    freedom = coordinates * (counts - 1)
+    return np.asarray(
+        np.maximum((DEGREES_OF_FREEDOM + squares) / (DEGREES_OF_FREEDOM + freedom), least)
+    )
 
 
 def sum_of_kernels(

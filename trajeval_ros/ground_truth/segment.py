@@ -10,9 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
+from trajeval_ros.ground_truth.hyperparameters import (
+    LEAST_SCALE,
+    GroupHyperparameters,
+    Hyperparameters,
+)
 from trajeval_ros.ground_truth.kernels import Kernel
-from trajeval_ros.ground_truth.regression import Regression
+from trajeval_ros.ground_truth.regression import Regression, scale
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -55,15 +59,29 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """The Gaussian process of all segments: a sum of kernels and its hyperparameters.
+    """The Gaussian process of a segment: a sum of kernels and its hyperparameters.
 
-    ``noise_floors``: the instrument's accuracy in translation (m) and rotation (rad), below which
-    no segment's scale brings the noise.
+    ``accuracy``: the instrument's, in translation (m) and rotation (rad); a segment's scale does
+    not bring the noise below it.
     """
 
     kernels: tuple[Kernel, ...]
     hyperparameters: Hyperparameters
-    noise_floors: tuple[float, float]
+    accuracy: tuple[float, float]
+
+    @property
+    def groups(self) -> tuple[GroupHyperparameters, GroupHyperparameters]:
+        """The hyperparameters of translation and rotation."""
+        return self.hyperparameters.translation, self.hyperparameters.rotation
+
+    @property
+    def least_scales(self) -> tuple[float, ...]:
+        """The least ``s²`` of translation and rotation."""
+        noises = (group.noise_std for group in self.groups)
+        return tuple(
+            max(LEAST_SCALE, min((floor / noise) ** 2, 1.0))
+            for floor, noise in zip(self.accuracy, noises, strict=True)
+        )
 
 
 class Segment:
@@ -82,7 +100,7 @@ class Segment:
         self._samples = samples
         self._coordinates = self.local(samples.poses)
         self._variances = self._sample_variances(samples, self._coordinates)
-        self._regressions: tuple[tuple[slice, Regression], ...] = ()
+        self._regressions: tuple[tuple[Regression, ...], ...] = ()
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -141,34 +159,25 @@ class Segment:
         to_local = np.linalg.inv(_to_body(coordinates[:, 3:]))
         return np.asarray(np.einsum("nij,njk,nik->ni", to_local, samples.covariances, to_local))
 
-    def _conditioned(self, process: Process, count: int) -> tuple[tuple[slice, Regression], ...]:
-        """The regressions, conditioned on at least ``count`` samples.
+    def _conditioned(self, process: Process, count: int) -> tuple[tuple[Regression, ...], ...]:
+        """The regressions of translation and rotation, conditioned on at least ``count`` samples.
 
         One a group of coordinates, or one a coordinate where each sample has its own variances.
         """
-        hyperparameters, floors = process.hyperparameters, process.noise_floors
-        groups = (
-            (slice(0, 3), hyperparameters.translation),
-            (slice(3, 6), hyperparameters.rotation),
-        )
+        width = 3 if self._variances is None else 1
         if not self._regressions:
-            width = 3 if self._variances is None else 1
             self._regressions = tuple(
-                (
-                    slice(i, i + width),
-                    Regression(process.kernels, group, width, floors[columns.start // 3]),
-                )
-                for columns, group in groups
-                for i in range(columns.start, columns.stop, width)
+                tuple(Regression(process.kernels, group, width) for _ in range(0, 3, width))
+                for group in process.groups
             )
-        if self._regressions[0][1].count < count:
-            times = self.times
-            for columns, regression in self._regressions:
-                group = groups[columns.start // 3][1]
-                noise = np.full(len(self), group.noise_std**2)
-                if self._variances is not None:
-                    noise = noise + self._variances[:, columns.start]
-                regression.extend(times, self._coordinates[:, columns], noise)
+        if self._regressions[0][0].count < count:
+            times, coordinates = self.times, iter(range(0, 6, width))
+            for regressions, group in zip(self._regressions, process.groups, strict=True):
+                for regression, first in zip(regressions, coordinates, strict=False):
+                    noise = np.full(len(self), group.noise_std**2)
+                    if self._variances is not None:
+                        noise = noise + self._variances[:, first]
+                    regression.extend(times, self._coordinates[:, first : first + width], noise)
         return self._regressions
 
     def posterior(self, process: Process, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:
@@ -179,10 +188,16 @@ class Segment:
         """
         counts = np.searchsorted(self._samples.stamps, until, side="right")
         times = self._seconds(stamps)
-        mean, variance = np.empty((len(stamps), 6)), np.empty((len(stamps), 6))
-        for columns, regression in self._conditioned(process, int(counts.max(initial=0))):
-            mean[:, columns], group = regression.posterior(times, counts)
-            variance[:, columns] = group[:, None]
+        means, variances = [], []
+        conditioned = self._conditioned(process, int(counts.max(initial=0)))
+        for regressions, least in zip(conditioned, process.least_scales, strict=True):
+            answers = [regression.posterior(times, counts) for regression in regressions]
+            squares = np.add.reduce([regression.squares(counts) for regression in regressions])
+            factor = scale(squares, counts, 3, least)
+            for mean_part, variance_part in answers:
+                means.append(mean_part)
+                variances += [factor * variance_part] * mean_part.shape[1]
+        mean, variance = np.concatenate(means, axis=-1), np.stack(variances, axis=-1)
         to_body = _to_body(mean[:, 3:])
         covariance = np.einsum("qij,qj,qkj->qik", to_body, variance, to_body)
         return self._pose(mean), covariance

@@ -26,6 +26,7 @@ from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
 from trajeval_ros.online.accounting import Reason
+from trajeval_ros.online.doubts import CovarianceDoubts
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.intake import Accepted, Intake
 from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value, complete
@@ -38,7 +39,7 @@ from trajeval_ros.online.results import (
     TopicHealth,
 )
 from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.online.summary import summarize
+from trajeval_ros.online.summary import summarize, window_figures
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -97,6 +98,7 @@ class Engine:
         self._evaluation = Evaluation(values)
         self._pending = _NOBODY
         self._newest_estimate: int | None = None
+        self._doubts = CovarianceDoubts()
         self._announced: set[str] = set()
 
     @property
@@ -144,6 +146,7 @@ class Engine:
         # the adjoint.
         covariances = accepted.covariances
         if covariances is not None:
+            self._doubts.look_at(covariances)
             adjoint = se3.adjoint(se3.inverse(self._from_body))
             covariances = adjoint @ covariances @ adjoint.T
         stamps = accepted.stamps + self._nanoseconds("estimate.time_offset")
@@ -303,6 +306,7 @@ class Engine:
                     f"first-order AE and RE differ by {consistency:.1e}, more than round-off",
                 )
             )
+        found += self._doubts.notices()
         fresh = [notice for notice in found if notice.code not in self._announced]
         self._announced |= {notice.code for notice in fresh}
         return fresh
@@ -331,9 +335,14 @@ class Engine:
             account.received, used, pending, account.rejected, intake.first, intake.last
         )
 
+    def figures(self) -> dict[str, object]:
+        """Return the summary without its ``window``, whose nonlinear figure takes milliseconds."""
+        return summarize(self.health(), self._values, self._evaluation)
+
     def summary(self) -> dict[str, object]:
         """Return the figures of the run so far, as ``summary.json`` has them."""
-        return summarize(self.health(), self._values, self._evaluation)
+        window = window_figures(self._evaluation.window(), self._evaluation.gauge)
+        return {**self.figures(), "window": window}
 
 
 def _extrinsic(values: Mapping[str, Value]) -> Array:

@@ -14,6 +14,7 @@ from trajeval_ros.metrics.conventional import RunningConventional
 from trajeval_ros.metrics.first_order import FirstOrderAbsolute
 from trajeval_ros.metrics.gauge import GAUGES, Gauge, Similarity
 from trajeval_ros.metrics.gaussian import GaussianLogLikelihood
+from trajeval_ros.metrics.observability import Observability
 from trajeval_ros.metrics.relative import RunningRelative
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.residuals import MeanSquares, ResidualMoments
@@ -121,6 +122,11 @@ class Evaluation:
     def alignment(self) -> Similarity | None:
         """The running alignment; None before the first pose."""
         return self._absolute.alignment
+
+    @property
+    def observability(self) -> Observability:
+        """What of the gauge the run determines."""
+        return self._absolute.observability
 
     @property
     def alignment_covariance(self) -> Array | None:

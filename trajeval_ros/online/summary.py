@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,10 +11,13 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
-from trajeval_ros.metrics.absolute import absolute
+from trajeval_ros.metrics.absolute import Absolute, absolute
+from trajeval_ros.metrics.figures import figures
 from trajeval_ros.metrics.first_order import absolute_first_order
 from trajeval_ros.metrics.gauge import Gauge, Similarity
 from trajeval_ros.metrics.gaussian import GaussianLogLikelihood
+from trajeval_ros.metrics.noise_equivalent import noise_equivalent_error
+from trajeval_ros.metrics.observability import Observability
 from trajeval_ros.metrics.relative import relative
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.parameters import Value
@@ -27,7 +29,7 @@ Figures = dict[str, object]
 
 
 def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluation) -> Figures:
-    """Return the whole summary; figures for which there is not enough data are None."""
+    """Return the summary but for its window; figures without enough data are None."""
     estimate, ground_truth = health.estimate, health.ground_truth
     hyperparameters = health.hyperparameters
     return {
@@ -50,7 +52,6 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
         "gauge": evaluation.gauge.name,
         "relative": _relative(evaluation),
         "absolute": _absolute(evaluation),
-        "window": window_figures(evaluation.window(), evaluation.gauge),
         "conventional": _conventional(evaluation, values),
     }
 
@@ -65,15 +66,15 @@ def _hyperparameters(hyperparameters: Hyperparameters) -> Figures:
 
 def _group(group: GroupHyperparameters) -> Figures:
     prefixes = ("signal", "rough", "correlated_noise")
-    figures: Figures = {}
+    values: Figures = {}
     for prefix, component in zip(prefixes, group.components, strict=False):
         length = "length_scale" if prefix == "signal" else f"{prefix}_length_scale"
-        figures |= {f"{prefix}_std": component.std, length: component.length_scale}
-    return {**figures, "noise_std": group.noise_std}
+        values |= {f"{prefix}_std": component.std, length: component.length_scale}
+    return {**values, "noise_std": group.noise_std}
 
 
-def _likelihood(likelihood: GaussianLogLikelihood | None) -> Figures:
-    """A log-likelihood with its parts."""
+def _likelihood(likelihood: GaussianLogLikelihood | None, poses: int) -> Figures:
+    """A log-likelihood, its parts, and what they mean."""
     if likelihood is None or likelihood.dof <= 0:
         return dict.fromkeys(
             (
@@ -83,23 +84,34 @@ def _likelihood(likelihood: GaussianLogLikelihood | None) -> Figures:
                 "log_det",
                 "chi2_per_dof",
                 "error_in_ground_truth_std",
+                "nats_per_pose",
             )
         )
-    ratio = likelihood.chi2 / likelihood.dof
+    meaning = figures(likelihood, poses)
     return {
         "log_likelihood": likelihood.log_likelihood,
         "chi2": likelihood.chi2,
         "dof": likelihood.dof,
         "log_det": likelihood.log_det,
-        "chi2_per_dof": ratio,
-        "error_in_ground_truth_std": math.sqrt(max(ratio, 0.0)),
+        "chi2_per_dof": meaning.chi2_per_dof,
+        "error_in_ground_truth_std": meaning.deviations,
+        "nats_per_pose": meaning.nats_per_pose,
+    }
+
+
+def _observability(observability: Observability) -> Figures:
+    """What of the gauge the motion determines."""
+    return {
+        "status": str(observability.status),
+        "motion": str(observability.motion),
+        "unobserved_axes": observability.unobserved_axes.tolist(),
     }
 
 
 def _relative(evaluation: Evaluation) -> Figures:
     translation, rotation = evaluation.step_mean_squares.roots()
     return {
-        **_likelihood(evaluation.relative),
+        **_likelihood(evaluation.relative, evaluation.count),
         "translation_rmse": translation,
         "rotation_rmse": rotation,
     }
@@ -107,17 +119,18 @@ def _relative(evaluation: Evaluation) -> Figures:
 
 def _absolute(evaluation: Evaluation) -> Figures:
     alignment = evaluation.alignment
-    figures = _likelihood(evaluation.absolute)
+    result = _likelihood(evaluation.absolute, evaluation.count)
     first_order = evaluation.first_order
-    figures["log_likelihood_first_order"] = (
+    result["log_likelihood_first_order"] = (
         first_order.log_likelihood if first_order.dof > 0 else None
     )
-    figures["consistency"] = evaluation.consistency
-    figures["alignment"] = _alignment(alignment, evaluation.alignment_covariance, evaluation.gauge)
+    result["consistency"] = evaluation.consistency
+    result["observability"] = _observability(evaluation.observability)
+    result["alignment"] = _alignment(alignment, evaluation.alignment_covariance, evaluation.gauge)
     translation, rotation = (
         (None, None) if alignment is None else evaluation.residuals.roots(alignment)
     )
-    return {**figures, "translation_rmse": translation, "rotation_rmse": rotation}
+    return {**result, "translation_rmse": translation, "rotation_rmse": rotation}
 
 
 def _alignment(alignment: Similarity | None, covariance: Array | None, gauge: Gauge) -> Figures:
@@ -138,43 +151,60 @@ def _alignment(alignment: Similarity | None, covariance: Array | None, gauge: Ga
 
 def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
     """The window's likelihoods: relative, and absolute to first order and fully nonlinear."""
-    if len(poses) < 2:
+    count = len(poses)
+    if count < 2:
+        missing = ("p_value", "log_likelihood_first_order", "log_likelihood_nonlinear")
         return {
-            "poses": len(poses),
+            "poses": count,
             "duration": None,
-            "relative": _likelihood(None),
-            "absolute": {
-                **_likelihood(None),
-                "log_likelihood_first_order": None,
-                "log_likelihood_nonlinear": None,
-            },
+            "relative": {**_likelihood(None, count), "p_value": None},
+            "absolute": {**_likelihood(None, count), **dict.fromkeys(missing)},
         }
     data = (poses.ground_truth, poses.covariance, poses.estimate)
+    step = relative(*data)
     best = absolute(*data, gauge)
-    nonlinear = best.likelihood
     return {
-        "poses": len(poses),
+        "poses": count,
         "duration": float((poses.stamps[-1] - poses.stamps[0]) * 1e-9),
-        "relative": _likelihood(relative(*data)),
+        "relative": {
+            **_likelihood(step, count),
+            "p_value": figures(step, count).p_value,
+        },
         "absolute": {
-            **_likelihood(nonlinear),
+            **_likelihood(best.likelihood, count),
+            "p_value": figures(best.likelihood, count).p_value if best.likelihood else None,
             "log_likelihood_first_order": absolute_first_order(*data).log_likelihood,
-            "log_likelihood_nonlinear": nonlinear.log_likelihood if nonlinear else None,
+            "log_likelihood_nonlinear": _value(best.likelihood),
+            **_noise_equivalent(data, gauge, best),
             "ending": str(best.ending),
-            "observability": str(best.observability.status),
+            "observability": _observability(best.observability),
         },
     }
 
 
+def _value(likelihood: GaussianLogLikelihood | None) -> float | None:
+    return None if likelihood is None else likelihood.log_likelihood
+
+
+def _noise_equivalent(data: tuple[Array, Array, Array], gauge: Gauge, best: Absolute) -> Figures:
+    """The white noise, m and rad, that explains the window's errors."""
+    names = ("noise_equivalent_translation_std", "noise_equivalent_rotation_std")
+    held = gauge if best.observability.scale_observed else gauge.without_scale()
+    if 6 * len(data[0]) < held.dimension + 2:
+        return dict.fromkeys(names)
+    found = noise_equivalent_error(*data, held, best.alignment)
+    return dict(zip(names, (found.translation_std, found.rotation_std), strict=True))
+
+
 def _conventional(evaluation: Evaluation, values: Mapping[str, Value]) -> Figures:
-    figures = evaluation.conventional.figures()
+    conventional = evaluation.conventional.figures()
     return {
-        "poses": figures.poses,
-        "pairs": figures.pairs,
-        "ate_translation_rmse": figures.ate_translation_rmse,
-        "ate_rotation_rmse": figures.ate_rotation_rmse,
-        "re_translation_rmse": figures.re_translation_rmse,
-        "re_rotation_rmse": figures.re_rotation_rmse,
+        "poses": conventional.poses,
+        "pairs": conventional.pairs,
+        "ate_translation_rmse": conventional.ate_translation_rmse,
+        "ate_rotation_rmse": conventional.ate_rotation_rmse,
+        "re_translation_rmse": conventional.re_translation_rmse,
+        "re_rotation_rmse": conventional.re_rotation_rmse,
         "re_delta": values["relative.delta"],
         "re_unit": values["relative.unit"],
     }
@@ -188,10 +218,9 @@ def whole_run(
     ``ground_truth`` and ``estimate`` (M, 4, 4), ``covariance`` (M, 6, 6): what the run's
     evaluations held.
     """
-    figures = summary["absolute"]
-    assert isinstance(figures, dict)
+    run = summary["absolute"]
+    assert isinstance(run, dict)
     nonlinear = None
     if len(ground_truth) > 1:
-        likelihood = absolute(ground_truth, covariance, estimate, gauge).likelihood
-        nonlinear = likelihood.log_likelihood if likelihood else None
-    return {**summary, "absolute": {**figures, "log_likelihood_nonlinear": nonlinear}}
+        nonlinear = _value(absolute(ground_truth, covariance, estimate, gauge).likelihood)
+    return {**summary, "absolute": {**run, "log_likelihood_nonlinear": nonlinear}}
