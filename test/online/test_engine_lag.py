@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from twins.runs import FIXED, SECOND, Run, balance, handed_over, poses_of, simulated
 
 from trajeval_ros.ground_truth.segment import Samples
-from trajeval_ros.ground_truth.trajectory import GroundTruth
-from trajeval_ros.online import engine as engine_module
 from trajeval_ros.online.engine import Engine
 
 LAG = 3 * SECOND // 10
@@ -31,7 +29,7 @@ def completing(run, stamp, lag=LAG):
 
 def answer_from(run, count, stamp, parameters=FIXED):
     """The answer of a ground truth that has only ever seen the first ``count`` samples."""
-    truth = GroundTruth(engine_module._model(Engine(parameters).parameters))
+    truth = Engine(parameters)._ground_truth
     seen = run.ground_truth[:count]
     truth.append(Samples(seen.stamps, poses_of(seen)))
     return truth.posterior(np.array([stamp]), seen.stamps[-1:])

@@ -130,7 +130,7 @@ def test_one_topic_after_the_other(first, size):
     assert_same(engine, joined(found), summary, evaluations)
 
 
-@pytest.mark.parametrize("chunk", [SECOND // 20, SECOND, 3 * SECOND])
+@pytest.mark.parametrize("chunk", [SECOND // 20, SECOND, 3 * SECOND, 1000 * SECOND])
 def test_feed_equals_live(chunk):
     run, parameters, summary, evaluations = scenario()
     engine = Engine(parameters)
@@ -238,3 +238,38 @@ def test_samples_is_the_inverse_of_the_intake():
     again = samples(evaluations["stamps"], evaluations["estimate"])
     kept = np.isin(run.estimate.stamps, evaluations["stamps"])
     np.testing.assert_allclose(again.positions, run.estimate.positions[kept], atol=1e-14)
+
+
+@pytest.mark.parametrize("period", [0.02, 0.5, 3.0])
+def test_learning_does_not_depend_on_the_batches(period):
+    run = simulated(11, 20.0, dropouts=((4.0, 6.5),))
+    expected, _ = handed_over({}, run)
+    engine, _ = played({}, run, period)
+    assert_same_summary(engine.summary(), expected.summary())
+
+
+@pytest.mark.parametrize("lead", [11, 100, 30_000_000])
+@pytest.mark.parametrize("topic", [0, 1])
+def test_a_wrong_stamp_costs_one_pose_by_file_too(lead, topic):
+    run = simulated(2, 12.0)
+    topics = [run.ground_truth, run.estimate]
+    stamps = topics[topic].stamps.copy()
+    stamps[len(stamps) // 3] += lead * SECOND
+    topics[topic] = PoseSamples(stamps, topics[topic].positions, topics[topic].quaternions)
+    expected, _ = handed_over(FIXED, Run(*topics))
+    engine = Engine(FIXED)
+    list(feed(engine, *topics))
+    assert_same_summary(engine.summary(), expected.summary())
+    assert balance(engine).used >= len(run.estimate) - 1
+
+
+@pytest.mark.parametrize("lead", [1.0, 3.0, 9.0])
+@pytest.mark.parametrize("topic", [0, 1])
+def test_a_stamp_a_few_seconds_ahead_costs_one_pose(lead, topic):
+    run = simulated(2, 12.0)
+    topics = [run.ground_truth, run.estimate]
+    stamps = topics[topic].stamps.copy()
+    stamps[len(stamps) // 3] += round(lead * SECOND)
+    topics[topic] = PoseSamples(stamps, topics[topic].positions, topics[topic].quaternions)
+    engine, _ = handed_over(FIXED, Run(*topics))
+    assert balance(engine).used >= len(run.estimate) - 1

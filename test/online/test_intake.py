@@ -174,7 +174,7 @@ def test_a_leap_is_held_until_it_is_told_from_a_wrong_stamp():
     assert len(intake.accept(good(regular(5)[1:])).stamps) == 5
     assert len(intake.accept(good([leap])).stamps) == 0
     assert (intake.held, intake.account.rejected) == (1, {})
-    assert intake.accept(good([leap + SECOND])).stamps.tolist() == [leap, leap + SECOND]
+    assert intake.accept(good([leap + 1, leap + 2])).stamps.tolist() == [leap, leap + 1, leap + 2]
     assert (intake.held, intake.account.rejected) == (0, {})
 
 

@@ -53,6 +53,16 @@ def poses_of(topic):
     return se3.from_position_quaternion(topic.positions, topic.quaternions)
 
 
+def where(topic, mask):
+    """Some of a topic's messages."""
+    return PoseSamples(topic.stamps[mask], topic.positions[mask], topic.quaternions[mask])
+
+
+def stamped(topic, stamps):
+    """A topic's messages with other stamps."""
+    return PoseSamples(stamps, topic.positions, topic.quaternions)
+
+
 @dataclass(frozen=True)
 class Run:
     """What the two topics carry, each in the order of its arrival."""
