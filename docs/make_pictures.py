@@ -151,7 +151,7 @@ def report(page: str) -> None:
                 "--disable-gpu",
                 "--hide-scrollbars",
                 f"--user-data-dir={folder}/profile",
-                "--window-size=1100,1420",
+                "--window-size=1100,1396",
                 f"--screenshot={shot}",
                 Path(page).absolute().as_uri(),
             ],
@@ -174,9 +174,12 @@ def calibration() -> None:
     for sequence in measured.SEQUENCES:
         cells = list(measured.cells(sequence))
         rates = [cell.rate for cell in cells]
-        for method, color in (("nearest", "#b8bfc6"), ("linear", SAMPLES)):
+        for method, color, label in (
+            ("nearest", "#b8bfc6", "nearest sample"),
+            ("linear", SAMPLES, "straight line"),
+        ):
             errors = [measured.score_interpolation(cell, method).position_rmse for cell in cells]
-            above.loglog(rates, np.array(errors) * 1e3, color=color, label=f"{method} sample(s)")
+            above.loglog(rates, np.array(errors) * 1e3, color=color, label=label)
         for kernel, color in KERNELS.items():
             scores = [measured.score_process(cell, kernel, measured.LAG) for cell in cells]
             errors = [score.position_rmse for score in scores]
@@ -187,6 +190,7 @@ def calibration() -> None:
     below.set_ylabel("ANEES (1: calibrated)")
     below.set_xlabel("ground truth thinned to (Hz)")
     below.set_xticks(measured.RATES, [str(rate) for rate in measured.RATES])
+    below.set_yticks([0.25, 0.5, 1.0, 2.0, 4.0], ["1/4", "1/2", "1", "2", "4"])
     below.minorticks_off()
     for axis in (above, below):
         handles, labels = axis.get_legend_handles_labels()
