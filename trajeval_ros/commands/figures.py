@@ -11,6 +11,7 @@ from typing import Any
 Figures = Mapping[str, Any]
 
 _NONE = "-"
+_PARTS = ("translation", "rotation")
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -89,6 +90,7 @@ def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
             row("  chi2", "chi2"),
             row("  log-determinant", "log_det"),
             row("  degrees of freedom", "dof"),
+            row("nats a pose", "nats_per_pose"),
             row("chi2/dof", "chi2_per_dof"),
             row("error, in ground-truth std", "error_in_ground_truth_std"),
             row("translation, RMSE", "translation_rmse", metres),
@@ -99,6 +101,11 @@ def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
         lines.append(
             f"Absolute log-likelihood, fully nonlinear over the whole run:"
             f" {number(absolute['log_likelihood_nonlinear'])} nats"
+        )
+    equivalent = [columns[3].get(f"noise_equivalent_{part}_std") for part in _PARTS]
+    if None not in equivalent:
+        lines.append(
+            f"Noise-equivalent error, {last}: {metres(equivalent[0])}, {degrees(equivalent[1])}"
         )
     lines.append("")
     lines += _conventional(summary["conventional"], summary["gauge"], parameters)

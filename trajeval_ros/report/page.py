@@ -65,8 +65,13 @@ _HOW_TO_READ = (
     ),
     (
         "p-value",
-        "How often a perfect estimate would have a χ² at least this large, by the ground truth's"
-        " uncertainty alone. Near 0: the error is the estimate's own.",
+        "How often an estimate as good as the ground truth would have a χ² as far out as this, on"
+        " either side. Near 0: the error is the estimate's own, or the uncertainty is wrong.",
+    ),
+    (
+        "Noise-equivalent error",
+        "The white noise which, added to the ground truth's uncertainty, explains the errors best:"
+        " an accuracy from which the ground truth's share is taken out.",
     ),
     (
         "ATE and RE, conventional",

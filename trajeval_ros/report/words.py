@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
 
+from trajeval_ros.metrics.figures import p_value as two_sided_p_value
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.report.coverage import SECOND, Coverage
 from trajeval_ros.report.run import Run
@@ -56,11 +56,13 @@ def angle(radians: float | None) -> str:
 
 
 def p_value(figures: Figures) -> float | None:
-    """Return the probability of a χ² at least this large, were the estimate perfect."""
+    """Return how often an estimate as good as the ground truth has a χ² as far out, either side."""
+    if figures.get("p_value") is not None:
+        return float(figures["p_value"])
     chi2, dof = figures.get("chi2"), figures.get("dof")
     if chi2 is None or not dof:
         return None
-    return float(chdtrc(dof, chi2))
+    return float(two_sided_p_value(chi2, dof))
 
 
 def verdict(run: Run, series: Series | None) -> str:
@@ -73,10 +75,10 @@ def verdict(run: Run, series: Series | None) -> str:
     relative = summary["relative"]
     probability = p_value(relative)
     if probability is not None:
-        if probability > _NOT_TOLD_APART:
+        worth = math.sqrt(relative["chi2_per_dof"])
+        if probability > _NOT_TOLD_APART or worth < 1.0:
             sentences.append("The estimate cannot be told from the ground truth.")
         else:
-            worth = math.sqrt(relative["chi2_per_dof"])
             sentences.append(
                 "From one estimate to the next, the error is worth"
                 f" <b>{number(worth, 3)} standard deviations</b> of the ground truth."
@@ -179,12 +181,17 @@ def figures(run: Run) -> list[Row]:
     relative, absolute = summary["relative"], summary["absolute"]
     window = summary["window"]
     conventional = summary["conventional"]
+    equivalent = [
+        show(window["absolute"].get(f"noise_equivalent_{part}_std"))
+        for part, show in (("translation", length), ("rotation", angle))
+    ]
     last = f"the last {run.parameters['window.duration']:g} s"
     rows = [
         (
             "RE, log-likelihood",
             f"{number(relative.get('log_likelihood'))} nats",
-            "of the motion between neighbouring estimates, over the whole run",
+            f"of the motion between neighbouring estimates, over the whole run;"
+            f" {number(relative.get('nats_per_pose'))} nats a pose",
         ),
         (
             "RE, χ²",
@@ -249,6 +256,11 @@ def figures(run: Run) -> list[Row]:
             f"χ²/dof {number(window['absolute'].get('chi2_per_dof'))}; nonlinear, aligned anew",
         ),
         (
+            f"Noise-equivalent error in {last}",
+            ", ".join(equivalent),
+            "the white noise that explains the errors, the ground truth's own share taken out",
+        ),
+        (
             "ATE",
             f"{length(conventional.get('ate_translation_rmse'))},"
             f" {angle(conventional.get('ate_rotation_rmse'))}",
@@ -298,6 +310,14 @@ _REASONS = {
 }
 
 
+# Prefix of the names of a kernel's two numbers -> what it stands for.
+_COMPONENTS = {
+    "": "motion",
+    "rough_": "rough motion",
+    "correlated_noise_": "correlated noise",
+}
+
+
 def model(run: Run) -> list[Row]:
     """Return the Gaussian process as it was."""
     truth = run.summary["ground_truth"]
@@ -311,9 +331,13 @@ def model(run: Run) -> list[Row]:
     source = "learned from the first segments" if learned else "as set by parameter"
     for group, show in (("translation", length), ("rotation", angle)):
         values = hyperparameters[group]
-        for part in values.get("components", [values]):
-            scale = f"{show(part['signal_std'])} over {part['length_scale']:.3g} s"
-            rows.append((f"{group.capitalize()}, signal", scale, source))
+        for name, title in _COMPONENTS.items():
+            scale = values.get(f"{name}length_scale")
+            std = values.get(f"{name}std", values.get(f"{name}signal_std"))
+            if std and scale:
+                rows.append(
+                    (f"{group.capitalize()}, {title}", f"{show(std)} over {scale:.3g} s", source)
+                )
         rows.append((f"{group.capitalize()}, noise", show(values["noise_std"]), "of one sample"))
     return rows
 
