@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag, played with its clock, and the node, which writes its results when the bag ends.
 
-ros2 launch trajeval_ros replay.launch.py bag:=DIR estimate:=/odom ground_truth:=/vicon/robot \\
-    output_directory:=results
+ros2 launch trajeval_ros replay.launch.py bag:=DIR estimate:=/odom ground_truth:=/vicon/robot
 """
 
 import os

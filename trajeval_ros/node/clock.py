@@ -44,10 +44,25 @@ class StampClock:
 
 
 @dataclass(slots=True)
-class _Back:
+class _Topic:
+    """What one topic's stamps have done: ``newest`` is one that two in a row have reached."""
+
     newest: int | None = None
+    latest: int | None = None
     behind: int = 0
-    latest: int = 0
+    jumped: bool = False
+
+    def take(self, stamp: int) -> None:
+        if self.newest is not None and stamp < self.newest - JUMP:
+            # In order among themselves, or it is no run that starts over.
+            in_order = self.behind == 0 or self.latest is None or stamp >= self.latest - JUMP
+            self.behind = self.behind + 1 if in_order else 0
+            self.jumped = self.jumped or self.behind >= _CONFIRMATIONS
+        else:
+            self.behind = 0
+            reached = stamp if self.latest is None else min(stamp, self.latest)
+            self.newest = reached if self.newest is None else max(self.newest, reached)
+        self.latest = stamp
 
 
 class JumpDetector:
@@ -59,9 +74,9 @@ class JumpDetector:
     """
 
     def __init__(self) -> None:
-        """Start over."""
+        """Start without a clock and without stamps."""
         self._clock: int | None = None
-        self._topics = (_Back(), _Back())
+        self._topics = (_Topic(), _Topic())
 
     def clock(self, now: int | None) -> int | None:
         """Take the ROS time; return how far it jumped back (ns), or None."""
@@ -72,22 +87,14 @@ class JumpDetector:
 
     def stamps(self, topic: int, stamps: npt.NDArray[np.int64]) -> None:
         """Take stamps that arrived on topic 0 or 1."""
-        state = self._topics[topic]
         for stamp in stamps.tolist():
-            if state.newest is None or stamp > state.newest - JUMP:
-                state.behind = 0
-                state.newest = stamp if state.newest is None else max(stamp, state.newest)
-            elif state.behind and stamp < state.latest - JUMP:
-                state.behind = 0
-            else:
-                state.behind += 1
-                state.latest = stamp
-
-    def forget_stamps(self) -> None:
-        """A new run has begun."""
-        self._topics = (_Back(), _Back())
+            self._topics[topic].take(stamp)
 
     def stamps_jumped(self) -> bool:
         """Whether the stamps have started over."""
-        spoken = [state for state in self._topics if state.newest is not None]
-        return bool(spoken) and all(state.behind >= _CONFIRMATIONS for state in spoken)
+        spoken = [topic for topic in self._topics if topic.newest is not None]
+        return bool(spoken) and all(topic.jumped for topic in spoken)
+
+    def forget_stamps(self) -> None:
+        """A new run has begun."""
+        self._topics = (_Topic(), _Topic())

@@ -17,7 +17,8 @@ def flatten(summary: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Return the statuses with their keys and values, in plain snake_case.
 
     Numbers are ``repr(float)``, so that every digit arrives; what is None or not finite is left
-    out. A figure below another, such as ``window: {relative: {chi2}}``, is ``relative_chi2``.
+    out, and so are lists, which are for ``summary.json``. A figure below another, such as
+    ``window: {relative: {chi2}}``, is ``relative_chi2``.
     """
     return {status: dict(_entries("", summary[status])) for status in STATUSES if status in summary}
 
@@ -30,7 +31,7 @@ def _entries(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str
             yield from _entries(f"{prefix}{key}_", value)
         elif isinstance(value, str):
             yield f"{prefix}{key}", value
-        elif value is not None and math.isfinite(value):
+        elif isinstance(value, int | float) and math.isfinite(value):
             yield f"{prefix}{key}", repr(float(value))
 
 

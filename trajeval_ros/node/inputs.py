@@ -26,7 +26,7 @@ QUEUE_DEPTH = 10_000
 # A batch; what is beyond it waits for the next one, so that a flood does not starve the services.
 _MOST_MESSAGES = 5_000
 
-_KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()}
+KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()}
 _RELIABILITY = {
     "reliable": ReliabilityPolicy.RELIABLE,
     "best_effort": ReliabilityPolicy.BEST_EFFORT,
@@ -112,7 +112,7 @@ class Input:
         )
         before = self._plan.offer
         self._plan = plan(
-            self._topic, self._publishers, self._type_name, self._reliability, _KNOWN, before
+            self._topic, self._publishers, self._type_name, self._reliability, KNOWN, before
         )
         if self._plan.offer != before:
             self._subscribe(self._plan.offer)

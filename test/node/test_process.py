@@ -1,0 +1,267 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The process: how it starts, refuses, changes, saves and ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import stat
+from pathlib import Path
+
+import data
+import pytest
+from geometry_msgs.msg import PoseStamped
+from harness import Graph, Process, accounted, values_of
+
+from trajeval_ros.online.parameters import PARAMETERS
+
+pytestmark = pytest.mark.ros
+
+FIXED = {"gp__hyperparameters": "fixed"}
+
+
+def play(graph: Graph, duration: float = 6.0) -> tuple[int, int]:
+    """Publish a short run; return the numbers of messages."""
+    truth, estimate = data.run(duration)
+    publishers = [graph.publisher(topic) for topic in ("ground_truth", "estimate")]
+    graph.until_heard(*publishers)
+    data.publish_in_order(
+        publishers, [data.messages(PoseStamped, each) for each in (truth, estimate)]
+    )
+    return len(truth), len(estimate)
+
+
+def ready(graph: Graph) -> None:
+    graph.until(graph.health, "diagnostics")
+
+
+def summary_in(folder: Path) -> dict:
+    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-p", "gauge:=so3"], "gauge must be one of se3, none"),
+        (["-p", "ground_truth.lags:=0.3"], "unknown parameter ground_truth.lags"),
+        (["-p", "max_wait:=-1.0"], "max_wait must be at least 0.0, got -1.0"),
+        (["-p", "max_wait:=nan"], "max_wait must be"),
+        (["-p", "ground_truth.max_gap:=wide"], "ground_truth.max_gap must be a number"),
+        (["-p", "estimate.use_covariance:=maybe"], "estimate.use_covariance must be a bool"),
+        (["-p", "extrinsic:=[1.0, 2.0]"], "extrinsic must be seven finite numbers"),
+        (["-p", "use_sim_time:=2"], "use_sim_time must be a bool, got 2"),
+        (["--params-file", "/does/not/exist.yaml"], "/does/not/exist.yaml"),
+    ],
+)
+def test_wrong_parameters_are_refused_by_name(
+    graph: Graph, arguments: list[str], words: str
+) -> None:
+    node = graph.start_evaluator(*arguments)
+    assert node.wait() == 2, node.output
+    assert "Traceback" not in node.output
+    ours = [line for line in node.output.splitlines() if line.startswith("evaluator: error: ")]
+    assert len(ours) == 1
+    assert words in ours[0]
+
+
+def test_an_unknown_argument_is_refused(graph: Graph) -> None:
+    node = graph.start("-m", "trajeval_ros.node.main", "bag")
+    assert node.wait() == 2
+    assert node.output.startswith("evaluator: error: unknown argument bag")
+
+
+def test_help(graph: Graph) -> None:
+    node = graph.start("-m", "trajeval_ros.node.main", "--help")
+    assert node.wait() == 0
+    assert node.output.startswith("usage: evaluator")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_delivered_twice_ends_it_well(
+    graph: Graph, tmp_path: Path, number: signal.Signals
+) -> None:
+    out = tmp_path / "out"
+    node = graph.start_evaluator(output__directory=str(out), **FIXED)
+    counts = play(graph)
+    graph.until_accounted("ground_truth", counts[0])
+    graph.until_accounted("estimate", counts[1])
+    node.send(number)
+    node.send(number)
+    # The second one while it is writing.
+    graph.until(lambda: (out / "poses.csv").exists() or node.child.poll() is not None, "writing")
+    if node.child.poll() is None:
+        node.send(number)
+    assert node.wait() == 0, node.output
+    assert "Traceback" not in node.output
+    summary = summary_in(out)
+    assert summary["ground_truth"]["received"] == counts[0]
+    assert summary["estimate"]["received"] == counts[1]
+    assert accounted(summary["estimate"], "evaluated")
+    assert {path.name for path in out.iterdir()} == {"summary.json", "poses.csv", "report.html"}
+
+
+def test_a_signal_while_it_starts_ends_it_well(graph: Graph) -> None:
+    node = graph.start_evaluator()
+    # Before it is there it has Python's own answer; once it answers, ours.
+    graph.until(lambda: caught(node), "its own signal handler")
+    node.send(signal.SIGTERM)
+    assert node.wait() == 0, node.output
+    assert node.output.count("Traceback") == 0
+
+
+def caught(node: Process) -> bool:
+    """Whether the process catches SIGTERM."""
+    text = Path(f"/proc/{node.child.pid}/status").read_text(encoding="utf-8")
+    mask = next(line for line in text.splitlines() if line.startswith("SigCgt:")).split()[1]
+    return bool(int(mask, 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def test_save_reset_and_parameters_at_run_time(graph: Graph, tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    node = graph.start_evaluator(**FIXED)
+    counts = play(graph)
+    graph.until_accounted("estimate", counts[1])
+    graph.until_accounted("ground_truth", counts[0])
+
+    refused = graph.call("/evaluator/save")
+    assert not refused.success
+    assert refused.message == "output.directory is not set"
+    assert graph.set_parameter("output.directory", str(first)).successful
+    saved = graph.call("/evaluator/save")
+    assert saved.success, saved.message
+    assert saved.message == f"written to {first}"
+    summary = summary_in(first)
+    assert summary["estimate"]["received"] == counts[1]
+    assert summary["window"]["poses"] == summary["estimate"]["evaluated"]
+
+    # A shorter window shows at once when the next pose comes; an integer is taken as a number.
+    assert graph.set_parameter("window.duration", 2).successful
+    for name, value, words in (
+        ("window.duration", 0.5, "window.duration"),
+        ("window.duration", "long", "Wrong parameter type"),
+        ("gauge", "none", "gauge"),
+        ("output.directory", "/proc/nowhere", "cannot write the output folder: /proc/nowhere"),
+    ):
+        result = graph.set_parameter(name, value)
+        assert not result.successful, name
+        assert words in result.reason
+
+    assert graph.call("/evaluator/reset").success
+    assert graph.set_parameter("output.directory", str(second)).successful
+    assert graph.call("/evaluator/save").success
+    assert summary_in(second)["estimate"]["received"] == 0
+    counts = play(graph)
+    graph.until_accounted("estimate", counts[1])
+    graph.until_accounted("ground_truth", counts[0])
+    assert node.end() == 0
+    summary = summary_in(second)
+    assert summary["estimate"]["received"] == counts[1]
+    assert summary["window"]["duration"] <= 2.0
+    assert summary["window"]["poses"] < summary["estimate"]["evaluated"]
+
+
+def test_a_folder_that_cannot_be_written_is_said_and_survived(graph: Graph, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    node = graph.start_evaluator(output__directory=str(tmp_path / "file" / "out"), **FIXED)
+    graph.until_health("performance", "cannot write the output folder", level=2)
+    counts = play(graph)
+    graph.until_accounted("estimate", counts[1])
+    refused = graph.call("/evaluator/save")
+    assert not refused.success
+    assert "cannot write the output folder" in refused.message
+    # It becomes writable, and all is well.
+    (tmp_path / "file").unlink()
+    assert graph.call("/evaluator/save").success
+    graph.until_health("performance", "of a core", level=0)
+    assert summary_in(tmp_path / "file" / "out")["estimate"]["received"] == counts[1]
+    assert node.end() == 0
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder_makes_the_exit_code_one(graph: Graph, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    out.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    node = graph.start_evaluator(output__directory=str(out))
+    ready(graph)
+    assert node.end() == 1
+
+
+def test_a_folder_that_never_was_writable_makes_the_exit_code_one(
+    graph: Graph, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    node = graph.start_evaluator(output__directory=str(tmp_path / "file" / "out"))
+    ready(graph)
+    assert node.end() == 1
+    assert "Traceback" not in node.output
+
+
+def test_the_default_file_and_a_dump_reproduce_the_parameters(graph: Graph, tmp_path: Path) -> None:
+    import yaml
+    from rcl_interfaces.srv import GetParameters, ListParameters
+    from rclpy.parameter import parameter_value_to_python
+
+    default = Path(__file__).parent.parent.parent / "config" / "evaluator.yaml"
+    changed = default.read_text(encoding="utf-8").replace(
+        "window.duration: 30.0", "window.duration: 7"
+    )
+    (tmp_path / "mine.yaml").write_text(changed, encoding="utf-8")
+
+    def ask(kind: type, service: str, request: object) -> object:
+        client = graph.node.create_client(kind, service)
+        graph.until(client.service_is_ready, service)
+        future = client.call_async(request)
+        graph.until(future.done, service)
+        return future.result()
+
+    def dump(node: str) -> dict:
+        names = ask(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        wanted = list(names.result.names)
+        request = GetParameters.Request(names=wanted)
+        values = ask(GetParameters, f"{node}/get_parameters", request).values
+        return dict(zip(wanted, map(parameter_value_to_python, values), strict=True))
+
+    graph.start_evaluator("--params-file", str(tmp_path / "mine.yaml"))
+    first = dump("/evaluator")
+    assert first["window.duration"] == 7.0
+    assert set(PARAMETERS) <= set(first)
+    plain = {k: list(v) if hasattr(v, "typecode") else v for k, v in first.items()}
+    dumped = {"/robot/evaluator": {"ros__parameters": plain}}
+    (tmp_path / "dump.yaml").write_text(yaml.safe_dump(dumped), encoding="utf-8")
+    graph.start_evaluator("-r", "__ns:=/robot", "--params-file", str(tmp_path / "dump.yaml"))
+    assert dump("/robot/evaluator") == first
+
+
+def test_two_in_two_namespaces(graph: Graph, tmp_path: Path) -> None:
+    nodes = [
+        graph.start_evaluator(
+            "-r", f"__ns:=/{name}", output__directory=str(tmp_path / name), **FIXED
+        )
+        for name in ("one", "two")
+    ]
+    sizes = {}
+    for name, duration in (("one", 4.0), ("two", 5.0)):
+        truth, estimate = data.run(duration)
+        publishers = [graph.publisher(f"/{name}/{t}") for t in ("ground_truth", "estimate")]
+        graph.until_heard(*publishers)
+        streams = [data.messages(PoseStamped, each) for each in (truth, estimate)]
+        data.publish_in_order(publishers, streams)
+        sizes[name] = (len(truth), len(estimate))
+    for name, (truth_size, estimate_size) in sizes.items():
+        graph.until(
+            lambda name=name, size=truth_size: received(graph, name, "ground truth") == size, name
+        )
+        graph.until(
+            lambda name=name, size=estimate_size: received(graph, name, "estimate") == size, name
+        )
+    assert [node.end() for node in nodes] == [0, 0]
+    for name, (_, estimate_size) in sizes.items():
+        assert summary_in(tmp_path / name)["estimate"]["received"] == estimate_size
+
+
+def received(graph: Graph, namespace: str, topic: str) -> int:
+    status = graph.health(f"{namespace}/evaluator").get(topic)
+    return -1 if status is None else int(values_of(status).get("received", -1))
