@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the pictures in ``docs/images`` with the package itself.
 
-    python docs/make_pictures.py gap GROUND_TRUTH ESTIMATE
-    python docs/make_pictures.py report REPORT.html
-    python docs/make_pictures.py calibration
+    PYTHONPATH=. .venv/bin/python docs/make_pictures.py gap GROUND_TRUTH ESTIMATE
+    PYTHONPATH=. .venv/bin/python docs/make_pictures.py report REPORT.html
+    PYTHONPATH=. .venv/bin/python docs/make_pictures.py calibration
 
 ``gap`` wants TUM's freiburg2_desk, which has a gap of 12 s in its ground truth. ``report`` takes a
 picture of the upper part of a report with chromium. ``calibration`` draws what
