@@ -64,7 +64,7 @@ def make_tables() -> ModuleType:
 def test_tables_are_those_of_the_code(name: str) -> None:
     tables = make_tables()
     text = text_of(ROOT / "docs" / name)
-    remedy = "run: python docs/make_tables.py"
+    remedy = "run: PYTHONPATH=. .venv/bin/python docs/make_tables.py"
     assert tables.page(text, tables.TABLES[name]()) == text, remedy
 
 
@@ -263,7 +263,8 @@ def test_commands_on_files_run(
     )
     ran = 0
     for words in commands(ROOT / "docs" / "files.md"):
-        if words[0] in MAINS:
+        # "run" is the folder that the first of them makes; a bag of one's own is not there.
+        if words[0] in MAINS and any(word.split("/")[0] == "run" for word in words):
             assert MAINS[words[0]](words[1:]) == 0, capsys.readouterr().err
             ran += 1
     assert ran > 4
