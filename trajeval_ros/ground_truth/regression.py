@@ -187,7 +187,7 @@ class Regression:
 
 
 def scale(squares: Array, counts: Counts, coordinates: int, least: float) -> Array:
-    """``s²`` of ``coordinates`` coordinates with ``Σ q = squares`` (q,), ``least`` or more; (q,)."""
+    """``s²`` of so many coordinates with ``Σ q = squares`` (q,), ``least`` or more; (q,)."""
     freedom = coordinates * (counts - 1)
     return np.asarray(
         np.maximum((DEGREES_OF_FREEDOM + squares) / (DEGREES_OF_FREEDOM + freedom), least)
