@@ -1,0 +1,117 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from twins import gp_twin
+
+from trajeval_ros.ground_truth.hyperparameters import Component
+from trajeval_ros.ground_truth.learning import Record, learn, log_likelihood, log_posterior
+from trajeval_ros.ground_truth.models import MODELS, Grid
+
+NAMES = {
+    "matern52": ("Matern52", "Matern32", "Exponential"),
+    "matern32": ("Matern32",),
+    "squared_exponential": ("SquaredExponential",),
+}
+
+
+def records(seed=0, segments=4, count=25, interval=0.1):
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(segments):
+        times = np.cumsum(rng.uniform(0.5, 1.5, count)) * interval
+        phase = rng.uniform(0.0, 6.0, 3)
+        values = np.sin(times[:, None] * [1.0, 1.7, 2.3] + phase) + rng.normal(0, 2e-3, (count, 3))
+        found.append(Record(times - times[0], values - values[0], rng.uniform(0, 1e-6, count)))
+    return found
+
+
+def grid_of(data):
+    return Grid.of([r.times for r in data], [r.values for r in data], 1e-5, 2e-3)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_likelihood_is_the_dense_one(name):
+    model, data = MODELS[name], records()
+    kernels = len(model.kernels)
+    rng = np.random.default_rng(1)
+    natural = np.concatenate([rng.normal(-1.0, 0.5, 2 * kernels), [np.log(3e-3)]])
+    components = [Component(*np.exp(natural[2 * i : 2 * i + 2])) for i in range(kernels)]
+    expected = sum(
+        gp_twin.log_likelihood(NAMES[name], components, 3e-3, r.times, r.values, r.variances)
+        for r in data
+    )
+    assert log_likelihood(model.kernels, natural, data)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("seed", range(3))
+def test_gradient_is_the_finite_difference(name, seed):
+    model, data = MODELS[name], records(seed)
+    grid = grid_of(data)
+    theta = model.starts(grid)[seed] + np.random.default_rng(seed).normal(
+        0.0, 0.3, len(model.starts(grid)[0])
+    )
+    _, gradient = log_posterior(model, grid, theta, data)
+    for i, slope in enumerate(gradient):
+        step = np.zeros_like(theta)
+        step[i] = 1e-5
+        high = log_posterior(model, grid, theta + step, data)[0]
+        low = log_posterior(model, grid, theta - step, data)[0]
+        assert slope == pytest.approx((high - low) / 2e-5, rel=2e-5, abs=2e-3)
+
+
+def test_learns_what_the_data_were_drawn_from():
+    rng = np.random.default_rng(5)
+    components = (Component(0.3, 0.8),)
+    data = []
+    for _ in range(12):
+        times = np.arange(60) * 0.05
+        covariance = gp_twin.kernel(("Matern32",), components, times, times)
+        values = np.linalg.cholesky(covariance + 1e-12 * np.eye(60)) @ rng.normal(size=(60, 3))
+        values += rng.normal(0.0, 5e-3, values.shape)
+        data.append(Record(times, values, np.zeros(60)))
+    found = learn(MODELS["matern32"], data, 1e-5, 2e-3)
+    assert found is not None
+    group = found[0]
+    assert group.noise_std == pytest.approx(5e-3, rel=0.15)
+    # σ and l are known through σ²/l³, the strength of the driving noise, far better than alone.
+    assert group.components[0].std ** 2 / group.components[0].length_scale ** 3 == pytest.approx(
+        0.3**2 / 0.8**3, rel=0.3
+    )
+
+
+def test_the_instrument_is_the_floor_of_the_noise():
+    clean = [Record(r.times, np.sin(r.times[:, None] * [1, 2, 3]), 0 * r.times) for r in records()]
+    for name, model in MODELS.items():
+        found = learn(model, clean, 1e-3, 4e-3)
+        assert found is not None, name
+        assert found[0].noise_std >= 1e-3, name
+
+
+def test_one_wild_segment_does_not_carry_the_others_away():
+    data = records(segments=6)
+    wild = [*data, Record(data[0].times, 30.0 * data[0].values, data[0].variances)]
+    usual, found = (learn(MODELS["matern52"], d, 1e-5, 2e-3) for d in (data, wild))
+    assert usual is not None
+    assert found is not None
+    ratio = found[0].noise_std / usual[0].noise_std
+    assert 0.3 < ratio < 3.0
+
+
+def test_search_near_the_last_answer_finds_no_worse_one():
+    data = records(segments=6)
+    model, grid = MODELS["matern52"], grid_of(data)
+    first = learn(model, data[:3], 1e-5, 2e-3)
+    assert first is not None
+    again = learn(model, data, 1e-5, 2e-3, before=first[1])
+    assert again is not None
+    floored = [Record(r.times, r.values, r.variances + 1e-10) for r in data]
+    better = log_posterior(model, grid, again[1], floored)[0]
+    assert better >= log_posterior(model, grid, first[1], floored)[0]
+
+
+def test_three_samples_teach_nothing():
+    short = [Record(r.times[:3], r.values[:3], r.variances[:3]) for r in records()]
+    assert learn(MODELS["matern52"], short, 1e-5, 2e-3) is None
