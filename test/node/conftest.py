@@ -21,7 +21,7 @@ else:
 _NUMBER = itertools.count()
 
 
-def _domain() -> int:
+def domain() -> int:
     """A ROS domain of this test's own; beyond 101 the ports meet Linux's ephemeral ones."""
     return 1 + (os.getpid() * 13 + next(_NUMBER)) % 100
 
@@ -30,6 +30,6 @@ def _domain() -> int:
 def graph(tmp_path: Path) -> Iterator[object]:
     from harness import Graph
 
-    made = Graph(_domain(), tmp_path)
+    made = Graph(domain(), tmp_path)
     yield made
     made.close()

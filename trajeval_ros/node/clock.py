@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+# How long after a jump messages of the run before may still come, s on the steady clock.
+_STRAGGLING = 2.0
 # Back by this much, and it is a jump; below, it is jitter.
 JUMP = 1_000_000_000
 # Stamps alone (no /clock) jump if this many in a row are that far back, on each topic that speaks.
@@ -98,3 +100,31 @@ class JumpDetector:
     def forget_stamps(self) -> None:
         """A new run has begun."""
         self._topics = (_Topic(), _Topic())
+
+
+class LeftOver:
+    """Tells the messages of the run that has ended from those of the one that has begun.
+
+    ``/clock`` and the other topics come in any order. Once the clock has jumped back, stamps go on
+    from there; one that is half the jump ahead of the one before it, or more, was left over.
+    """
+
+    def __init__(self, now: int, jumped: int, steady: float) -> None:
+        """The clock jumped back by ``jumped`` (ns) to ``now``; it is ``steady`` (s)."""
+        self._newest = [now, now]
+        self._ahead = jumped // 2
+        self._until = steady + _STRAGGLING
+
+    def active(self, steady: float) -> bool:
+        """Whether there may still be some."""
+        return steady < self._until
+
+    def split(self, topic: int, stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Return which of the ``stamps`` (n,), in the order of arrival, are left over, (n,)."""
+        mask = np.zeros(len(stamps), dtype=np.bool_)
+        for k, stamp in enumerate(stamps.tolist()):
+            if stamp > self._newest[topic] + self._ahead:
+                mask[k] = True
+            else:
+                self._newest[topic] = max(self._newest[topic], stamp)
+        return mask

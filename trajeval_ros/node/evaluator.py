@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from rclpy.clock import Clock, ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
-from trajeval_ros.node.clock import JumpDetector, StampClock
+from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
 from trajeval_ros.node.figures import flatten
 from trajeval_ros.node.inputs import Input
 from trajeval_ros.node.monitor import Monitor
@@ -38,12 +38,8 @@ _MARKER_PERIOD = 0.2
 # What a subscriber may take at shutdown, s.
 _PARTING = 0.5
 
-
-@dataclass(frozen=True, slots=True)
-class _Boundary:
-    """The end of a run in stamps: what is later while the clock is not is left over from it."""
-
-    stamp: int
+# Of ground truth and estimate.
+_Arrived = list[PoseSamples | None]
 
 
 class Evaluator(Node):
@@ -74,7 +70,7 @@ class Evaluator(Node):
         self._monitor = Monitor(self, self._session)
         self._stamp_clock = StampClock()
         self._jumps = JumpDetector()
-        self._boundary: _Boundary | None = None
+        self._sieve: LeftOver | None = None
         self._latest_evaluated: int | None = None
         self._metrics_due = False
         self._next_batch = self._next_metrics = 0.0
@@ -160,26 +156,30 @@ class Evaluator(Node):
         """Take what has arrived, evaluate what can be, publish it."""
         now = self._ros_now()
         jumped = self._jumps.clock(now)
-        arrived = (self._take(self._ground_truth, 0), self._take(self._estimate, 1))
-        if jumped is not None and self._sim_time:
-            assert now is not None
-            self._boundary = _Boundary(now + jumped // 2)
-            before = tuple(self._split(samples)[1] for samples in arrived)
+        arrived = [self._take(self._ground_truth, 0), self._take(self._estimate, 1)]
+        if jumped is not None and now is not None and self._sim_time:
+            self._sieve = LeftOver(now, jumped, time.monotonic())
+            arrived, before = self._sieved(self._sieve, arrived)
             self._feed(before, now)
             self._start_over(f"/clock jumped back by {jumped / 1e9:.1f} s")
-        elif self._jumps.stamps_jumped():
-            self._feed(arrived, now)
-            self._start_over("the stamps jumped back")
-            return
-        if self._boundary is not None:
-            if now is None or now > self._boundary.stamp:
-                self._boundary = None
-            else:
-                parts = [self._split(samples) for samples in arrived]
-                if jumped is None:
-                    self._monitor.note_left_over(sum(len(p[1]) for p in parts if p[1] is not None))
-                arrived = (parts[0][0], parts[1][0])
+        elif self._sieve is not None:
+            arrived, left_over = self._sieved(self._sieve, arrived)
+            self._monitor.note_left_over(sum(len(each) for each in left_over if each is not None))
+            self._sieve = self._sieve if self._sieve.active(time.monotonic()) else None
         self._feed(arrived, now)
+        if self._jumps.stamps_jumped():
+            self._start_over("the stamps jumped back")
+
+    @staticmethod
+    def _sieved(sieve: LeftOver, arrived: _Arrived) -> tuple[_Arrived, _Arrived]:
+        """What belongs to the run that has begun, and what is left over from the one before."""
+        new: _Arrived = [None, None]
+        old: _Arrived = [None, None]
+        for topic, samples in enumerate(arrived):
+            if samples is not None:
+                mask = sieve.split(topic, samples.stamps)
+                new[topic], old[topic] = _where(samples, ~mask), _where(samples, mask)
+        return new, old
 
     def _take(self, source: Input, topic: int) -> PoseSamples | None:
         decoded = source.take()
@@ -197,15 +197,7 @@ class Evaluator(Node):
             if self._monitor.messages == before:
                 return
 
-    def _split(self, samples: PoseSamples | None) -> tuple[PoseSamples | None, PoseSamples | None]:
-        """The samples of the new run and those left over from the run before."""
-        assert self._boundary is not None
-        if samples is None:
-            return None, None
-        old = samples.stamps > self._boundary.stamp
-        return _where(samples, ~old), _where(samples, old)
-
-    def _feed(self, arrived: tuple[PoseSamples | None, ...], now: int | None) -> None:
+    def _feed(self, arrived: _Arrived, now: int | None) -> None:
         ground_truth, estimate = arrived
         self._session.feed(ground_truth, estimate)
         newest = [int(each.stamps[-1]) for each in arrived if each is not None and len(each)]
@@ -270,7 +262,7 @@ class Evaluator(Node):
         return str(path or "")
 
 
-def _where(samples: PoseSamples, mask: np.ndarray) -> PoseSamples:
+def _where(samples: PoseSamples, mask: npt.NDArray[np.bool_]) -> PoseSamples:
     covariances = None if samples.covariances is None else samples.covariances[mask]
     return PoseSamples(
         samples.stamps[mask], samples.positions[mask], samples.quaternions[mask], covariances
