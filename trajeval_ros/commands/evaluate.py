@@ -77,7 +77,11 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
     print(f"{sources['estimate']} against {sources['ground truth']}\n")
     print("\n".join(figures.summary_lines(summary, parameters)))
-    remarks = [f"{notice.level}: {notice.text}" for notice in report.notices]
+    remarks = [
+        f"likely cause: {cause['text']}. To try: {cause['advice']}."
+        for cause in summary["likely_causes"]
+    ]
+    remarks += [f"{notice.level}: {notice.text}" for notice in report.notices]
     remarks += scoring.where_to_look(data, summary)
     if remarks:
         print("\n" + "\n".join(remarks))

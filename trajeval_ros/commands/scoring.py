@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,8 @@ def score(
             f"{estimate.source}: none of its {len(estimate):,} poses could be evaluated"
             + (f" ({reasons})" if reasons else "")
         )
-    return poses.complete(summary, parameters["gauge"])
+    summary = poses.complete(summary, parameters["gauge"])
+    return {**summary, "likely_causes": [asdict(cause) for cause in report.causes()]}
 
 
 def samples(trajectory: Trajectory) -> PoseSamples:

@@ -122,10 +122,16 @@ def _tiles(tiles: Iterable[tuple[str, str, str]]) -> str:
 
 
 def _notices(run: Run) -> str:
+    """Likely causes first: they are what to act on."""
+    said = [
+        ("warning", "Likely cause", f"{cause.text}. To try: {cause.advice}.")
+        for cause in run.causes
+    ]
+    said += [("warning", "Doubt", text) for text in words.doubts(run)]
+    said += [(notice.level, notice.level, notice.text) for notice in run.notices]
     items = "".join(
-        f'<li class="{html.escape(notice.level)}"><b>{html.escape(notice.level)}</b>:'
-        f" {html.escape(notice.text)}</li>"
-        for notice in run.notices
+        f'<li class="{html.escape(level)}"><b>{html.escape(title)}</b>: {html.escape(text)}</li>'
+        for level, title, text in said
     )
     return f"<ul class=notices>{items}</ul>" if items else ""
 

@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.online.results import Notice, Results
+from trajeval_ros.report.causes import Cause, likely_causes
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.page import page
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.track import Track
 
 _MOST_NOTICES = 100
+_NO_EXTRINSIC = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 class Report:
@@ -55,6 +57,19 @@ class Report:
         if estimate is not None:
             self.estimate.add(estimate)
 
+    def causes(self) -> tuple[Cause, ...]:
+        """Return what is likely wrong with the data, if anything is."""
+        buckets = self.track.buckets()
+        if tuple(self.parameters["extrinsic"]) != _NO_EXTRINSIC:
+            # The poses are no longer as they were read; who sets this knows their frames.
+            return ()
+        known = np.trace(buckets["covariance"], axis1=1, axis2=2)
+        good = known < 10.0 * np.median(known) if len(known) else np.empty(0, bool)
+        chosen = buckets[good]
+        return likely_causes(
+            chosen["stamp"], chosen["ground_truth"], chosen["estimate"], self.parameters["gauge"]
+        )
+
     def run(self, summary: Mapping[str, Any]) -> Run:
         """Return the run as it stands."""
         return Run(
@@ -62,6 +77,7 @@ class Report:
             parameters=self.parameters,
             sources=self.sources,
             notices=tuple(self.notices),
+            causes=self.causes(),
             buckets=self.track.buckets(),
             ground_truth=self.ground_truth,
             estimate=self.estimate,

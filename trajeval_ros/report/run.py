@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from trajeval_ros.online.results import Notice
+from trajeval_ros.report.causes import Cause
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.track import Records
 
@@ -25,6 +26,7 @@ class Run:
     parameters: Mapping[str, Any]
     sources: Mapping[str, str]
     notices: tuple[Notice, ...]
+    causes: tuple[Cause, ...]
     buckets: Records
     ground_truth: Coverage
     estimate: Coverage
