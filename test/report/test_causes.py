@@ -100,7 +100,7 @@ def test_a_wrong_size(truth: float, other: float, code: str, said: str) -> None:
     assert check(*poses, gauge="sim3") == ()
 
 
-@pytest.mark.parametrize("offset", [0.1, -0.1, 0.5, -1.7])
+@pytest.mark.parametrize("offset", [0.3, -0.3, 0.5, -1.7])
 def test_a_clock_offset_and_the_parameter_that_undoes_it(offset: float) -> None:
     # stamped `offset` late: where it says t it means t - offset
     (cause,) = check(motion(SECONDS), estimate(SECONDS - offset, noise=0.002))
