@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
-from trajeval_ros.node.figures import flatten
+from trajeval_ros.node.figures import STATUSES, flatten
 from trajeval_ros.node.inputs import Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
@@ -30,8 +30,9 @@ _BATCH_PERIOD = 0.02
 # and larger; what a batch costs grows slowly with its size.
 _SHARE = 0.1
 _LONGEST_BATCH_PERIOD = 0.1
-_LONGEST_METRICS_PERIOD = 2.0
-_DISCOVERY_PERIOD = 0.1
+_LONGEST_WINDOW_PERIOD = 2.0
+_QUIET = 0.5
+_DISCOVERY_PERIOD = 0.2
 _DIAGNOSTICS_PERIOD = 1.0
 _PATH_PERIOD = 1.0
 _MARKER_PERIOD = 0.2
@@ -73,7 +74,8 @@ class Evaluator(Node):
         self._sieve: LeftOver | None = None
         self._latest_evaluated: int | None = None
         self._metrics_due = False
-        self._next_batch = self._next_metrics = 0.0
+        self._window: tuple[int, dict[str, str]] | None = None
+        self._next_batch = self._next_window = 0.0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
         # Not the ROS clock: that may stand still, or not be there yet.
@@ -90,7 +92,7 @@ class Evaluator(Node):
         """Evaluate what is left, write the output folder; say whether that could be done."""
         self._take_all()
         self._publish(self._session.finish())
-        self._publish_metrics()
+        self._publish_metrics(refresh=True)
         written = self._save() is not None
         self._outputs.flush(_PARTING)
         self._session.close()
@@ -106,15 +108,12 @@ class Evaluator(Node):
         took = time.monotonic() - begin
         self._monitor.note_batch(took)
         self._next_batch = begin + min(took / _SHARE, _LONGEST_BATCH_PERIOD) - _BATCH_PERIOD / 2
-        if self._metrics_due and begin >= self._next_metrics:
-            before = time.monotonic()
-            self._publish_metrics()
-            cost = time.monotonic() - before
-            self._next_metrics = before + min(cost / _SHARE, _LONGEST_METRICS_PERIOD)
+        # The window's figures are caught up with once it is quiet.
+        stale = self._window is None or self._window[0] != self._latest_evaluated
+        if self._metrics_due or (stale and begin >= self._next_window + _QUIET):
+            self._publish_metrics(refresh=begin >= self._next_window)
 
     def _on_discovery(self) -> None:
-        # What the old subscription still holds would go with it.
-        self._process()
         for each in (self._ground_truth, self._estimate):
             each.discover()
 
@@ -215,22 +214,39 @@ class Evaluator(Node):
         self._latest_evaluated = int(results.evaluations.stamps[-1])
         self._metrics_due = True
 
-    def _publish_metrics(self) -> None:
-        if self._latest_evaluated is not None and self._outputs.metrics_wanted:
-            statuses = flatten(self._session.engine.summary())
-            self._outputs.publish_metrics(self._latest_evaluated, statuses)
+    def _publish_metrics(self, *, refresh: bool) -> None:
+        """Publish the running figures, and those of the window, computed anew if ``refresh``."""
         self._metrics_due = False
+        stamp = self._latest_evaluated
+        if stamp is None or not self._outputs.metrics_wanted:
+            return
+        begin = time.monotonic()
+        engine = self._session.engine
+        if refresh or self._window is None:
+            statuses = flatten(engine.summary())
+            self._window = (stamp, statuses["window"])
+            cost = time.monotonic() - begin
+            self._next_window = begin + min(cost / _SHARE, _LONGEST_WINDOW_PERIOD)
+        else:
+            statuses = flatten(engine.figures())
+        computed, window = self._window
+        statuses["window"] = {**window, "age": repr((stamp - computed) / 1e9)}
+        self._outputs.publish_metrics(stamp, {name: statuses[name] for name in STATUSES})
 
     def _log(self, notice: Notice) -> None:
+        # rclpy keeps a severity a line of code: one line for each.
         logger = self.get_logger()
-        {"info": logger.info, "warning": logger.warning, "error": logger.error}[notice.level](
-            notice.text
-        )
+        if notice.level == "info":
+            logger.info(notice.text)
+        elif notice.level == "warning":
+            logger.warning(notice.text)
+        else:
+            logger.error(notice.text)
 
     def _start_over(self, why: str) -> None:
         """Time has jumped back: end the run, keep its results, begin another."""
         self._publish(self._session.finish())
-        self._publish_metrics()
+        self._publish_metrics(refresh=True)
         self._monitor.note_jump()
         kept = ""
         try:
@@ -245,7 +261,7 @@ class Evaluator(Node):
         self._session.reset()
         self._stamp_clock = StampClock()
         self._jumps.forget_stamps()
-        self._latest_evaluated = None
+        self._latest_evaluated = self._window = None
         self._metrics_due = False
         self._visualization.clear()
         self._monitor.reset()

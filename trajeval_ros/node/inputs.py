@@ -79,6 +79,7 @@ class Input:
         self._publishers: tuple[Endpoint, ...] = ()
         self._plan = Plan(None, ())
         self._subscription: Subscription | None = None
+        self._held: Decoded | None = None
         self._group = _Polled()
         self._sequence: int | None = None
         self._lost = 0
@@ -111,19 +112,20 @@ class Input:
             _endpoint(info) for info in self._node.get_publishers_info_by_topic(self._name)
         )
         before = self._plan.offer
-        self._plan = plan(
+        after = plan(
             self._topic, self._publishers, self._type_name, self._reliability, KNOWN, before
         )
-        if self._plan.offer != before:
-            self._subscribe(self._plan.offer)
-
-    def _subscribe(self, offer: Offer | None) -> None:
-        if self._subscription is not None:
+        if after.offer != before and self._subscription is not None:
+            # What the old subscription still holds would go with it.
+            self._held = self.take()
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
+        self._plan = after
+        if after.offer is not None and self._subscription is None:
+            self._subscribe(after.offer)
+
+    def _subscribe(self, offer: Offer) -> None:
         self._sequence = None
-        if offer is None:
-            return
         self._subscription = self._node.create_subscription(
             POSE_TYPES[offer.type_name].message,
             self._name,
@@ -143,6 +145,9 @@ class Input:
 
     def take(self) -> Decoded | None:
         """Return what has come since the last call, or None."""
+        if self._held is not None:
+            held, self._held = self._held, None
+            return held
         offer = self._plan.offer
         if self._subscription is None or offer is None:
             return None
