@@ -127,7 +127,6 @@ def _notices(run: Run) -> str:
         ("warning", "Likely cause", f"{cause.text}. To try: {cause.advice}.")
         for cause in run.causes
     ]
-    said += [("warning", "Doubt", text) for text in words.doubts(run)]
     said += [(notice.level, notice.level, notice.text) for notice in run.notices]
     items = "".join(
         f'<li class="{html.escape(level)}"><b>{html.escape(title)}</b>: {html.escape(text)}</li>'

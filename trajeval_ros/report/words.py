@@ -22,8 +22,6 @@ Row = tuple[str, str, str]
 
 _DASH = "–"
 _NOT_TOLD_APART = 0.01
-# On real runs the two differ by 1 to 10 %.
-_FIRST_ORDER = 0.3
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -106,22 +104,6 @@ def _trust(run: Run, series: Series) -> str:
     count = "one gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the longest"
     tail = f"; {unscored:,} estimates in there have no score" if unscored else ""
     return f"{text} and has {count} of {longest.seconds:.1f} s at {at:.0f} s{tail}."
-
-
-def doubts(run: Run) -> list[str]:
-    """Return where the figures are not to be taken at face value."""
-    relative, absolute = run.summary["relative"], run.summary["absolute"]
-    linear = relative.get("log_likelihood")
-    best = absolute.get("log_likelihood_nonlinear") or absolute.get("log_likelihood")
-    if run.summary["gauge"] != "se3" or linear is None or best is None:
-        return []
-    if abs(linear - best) < _FIRST_ORDER * max(abs(linear), abs(best)):
-        return []
-    return [
-        f"first order does not hold here: RE ({_short(linear)} nats) and the nonlinear AE"
-        f" ({_short(best)} nats) should be close. The ground truth is very uncertain somewhere,"
-        " as in a long gap; a smaller ground_truth.max_gap leaves the estimates in there out."
-    ]
 
 
 def tiles(run: Run, series: Series | None) -> list[Row]:
