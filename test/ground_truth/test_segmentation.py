@@ -230,3 +230,23 @@ def test_nothing_and_one_sample():
     assert (list(segmentation), closed, segmentation.opened) == ([], [], 0)
     segmentation, closed = segmented(sampled(regular(1.0, 10.0))[:1])
     assert (len(list(segmentation)), closed, segmentation.opened) == (1, [], 1)
+
+
+def test_a_hand_over_does_not_go_back_with_the_body():
+    def swings(seconds):
+        poses = still(seconds)
+        turn = np.zeros((len(seconds), 3))
+        turn[:, 2] = 1.9 * np.sin(4.0 * np.asarray(seconds))
+        poses[:, :3, :3] = se3.exp_so3(turn)
+        return poses
+
+    samples = sampled(regular(12.0, 50.0), swings)
+    at_once, _ = segmented(samples)
+    one_by_one, _ = segmented(samples, edges=range(len(samples)))
+    stamps = asked(samples)
+    share = weights(one_by_one, stamps)
+    np.testing.assert_allclose(share, weights(at_once, stamps), rtol=0, atol=1e-9)
+    # Each segment's weight rises once and falls once.
+    for own in share:
+        signs = np.sign(np.diff(own))
+        assert np.count_nonzero(np.diff(signs[signs != 0.0])) <= 1

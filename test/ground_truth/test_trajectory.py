@@ -311,6 +311,22 @@ def test_covariances_are_positive_definite(times, shape, noise):
     )
 
 
+def test_noise_along_an_axis_of_the_body_is_uncertainty_along_it():
+    # Each sample says itself how well it is known: badly along the body's x, and about its z.
+    def path(seconds):
+        poses = motion(seconds)
+        poses[:, :3, :3] = se3.exp_so3(np.array([0.3, -0.9, 0.5]))
+        return poses
+
+    samples = sampled(regular(6.0, 20.0), path)
+    loud = np.zeros((len(samples), 6, 6))
+    loud[:, 0, 0], loud[:, 5, 5] = 0.2**2, 0.1**2
+    known = Samples(samples.stamps, samples.poses, loud)
+    size = std(whole(ground_truth(known), at(np.linspace(1.0, 5.0, 41))))
+    assert (size[:, 0] > 5.0 * np.maximum(size[:, 1], size[:, 2])).all()
+    assert (size[:, 5] > 5.0 * np.maximum(size[:, 3], size[:, 4])).all()
+
+
 def test_in_a_gap_the_uncertainty_rises_to_the_size_of_the_motion_and_falls():
     samples = with_gap(4.0, 10.0, 14.0)
     truth = ground_truth(samples)

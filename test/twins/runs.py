@@ -184,7 +184,7 @@ def assert_same_summary(actual, expected, relative=1e-9):
             assert actual[path] < 1e-9
             assert value < 1e-9
         elif isinstance(value, list):
-            size = np.abs(value).max()
+            size = np.abs(value).max(initial=0.0)
             np.testing.assert_allclose(
                 actual[path], value, rtol=0, atol=relative * size, err_msg=path
             )
