@@ -4,13 +4,11 @@
 
     PYTHONPATH=. .venv/bin/python docs/make_pictures.py gap GROUND_TRUTH ESTIMATE
     PYTHONPATH=. .venv/bin/python docs/make_pictures.py report REPORT.html
-    PYTHONPATH=. .venv/bin/python docs/make_pictures.py calibration
     PYTHONPATH=. .venv/bin/python docs/make_pictures.py correlation
 
 ``gap`` wants TUM's freiburg2_desk, which has a gap of 12 s in its ground truth. ``report`` takes a
-picture of the upper part of a report with chromium. ``calibration`` draws what
-``benchmarks/calibration.py`` measures. ``correlation`` draws p-values of estimates that err exactly
-as the ground truth does.
+picture of the upper part of a report with chromium. ``correlation`` draws p-values of estimates that
+err exactly as the ground truth does. ``calibration.png`` is made by ``benchmarks/calibration.py``.
 """
 
 from __future__ import annotations
@@ -31,7 +29,6 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from benchmarks import calibration as measured
 from trajeval_ros import se3
 from trajeval_ros.commands.scoring import samples
 from trajeval_ros.files.tum import read_tum
@@ -171,42 +168,6 @@ def report(page: str) -> None:
             image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
 
 
-KERNELS = {"matern52": TRUTH, "squared_exponential": ESTIMATE}
-
-
-def calibration() -> None:
-    """Error and ANEES over the rate to which ground truth is thinned, one line a sequence."""
-    figure, (above, below) = plt.subplots(
-        2, 1, figsize=(8.0, 6.0), sharex=True, layout="constrained"
-    )
-    for sequence in measured.SEQUENCES:
-        cells = list(measured.cells(sequence))
-        rates = [cell.rate for cell in cells]
-        for method, color, label in (
-            ("nearest", "#b8bfc6", "nearest sample"),
-            ("linear", SAMPLES, "straight line"),
-        ):
-            errors = [measured.score_interpolation(cell, method).position_rmse for cell in cells]
-            above.loglog(rates, np.array(errors) * 1e3, color=color, label=label)
-        for kernel, color in KERNELS.items():
-            scores = [measured.score_process(cell, kernel, measured.LAG) for cell in cells]
-            errors = [score.position_rmse for score in scores]
-            above.loglog(rates, np.array(errors) * 1e3, color=color, label=kernel)
-            below.loglog(rates, [score.anees for score in scores], ".-", color=color, label=kernel)
-    below.axhspan(0.5, 2.0, color=SAMPLES, alpha=0.12, linewidth=0)
-    above.set_ylabel("position error, RMS (mm)")
-    below.set_ylabel("ANEES (1: calibrated)")
-    below.set_xlabel("ground truth thinned to (Hz)")
-    below.set_xticks(measured.RATES, [str(rate) for rate in measured.RATES])
-    below.set_yticks([0.25, 0.5, 1.0, 2.0, 4.0], ["1/4", "1/2", "1", "2", "4"])
-    below.minorticks_off()
-    for axis in (above, below):
-        handles, labels = axis.get_legend_handles_labels()
-        unique = dict(zip(labels, handles, strict=True))
-        axis.legend(unique.values(), unique.keys(), frameon=False, fontsize=9)
-    _save(figure, (above, below), "calibration.png")
-
-
 def correlation(draws: int = 1000) -> None:
     """p-values of perfect estimates at 20 Hz, ground truth at 1 Hz, with either covariance."""
     times = np.arange(0.0, 12.0)
@@ -256,7 +217,6 @@ def main() -> None:
     of_gap.add_argument("ground_truth")
     of_gap.add_argument("estimate")
     pictures.add_parser("report").add_argument("page")
-    pictures.add_parser("calibration")
     pictures.add_parser("correlation")
     arguments = parser.parse_args()
     match arguments.picture:
@@ -265,8 +225,6 @@ def main() -> None:
             gap(evaluated(arguments.ground_truth, arguments.estimate, **parameters))
         case "report":
             report(arguments.page)
-        case "calibration":
-            calibration()
         case "correlation":
             correlation()
 
