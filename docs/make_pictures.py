@@ -7,8 +7,8 @@
     PYTHONPATH=. .venv/bin/python docs/make_pictures.py correlation
 
 ``gap`` wants TUM's freiburg2_desk, which has a gap of 12 s in its ground truth. ``report`` takes a
-picture of the upper part of a report with chromium. ``correlation`` draws p-values of estimates that
-err exactly as the ground truth does. ``calibration.png`` is made by ``benchmarks/calibration.py``.
+picture of the upper part of a report with chromium. ``correlation`` draws p-values of estimates
+that err exactly as the ground truth does. ``benchmarks/calibration.py`` makes ``calibration.png``.
 """
 
 from __future__ import annotations
