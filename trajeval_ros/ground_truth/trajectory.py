@@ -155,10 +155,11 @@ class GroundTruth:
             return np.ones(len(stamps), dtype=np.bool_)
         intervals = np.diff(self._stamps)
         sampled = intervals[after - 1] <= _GAP
+        sampled |= self._stamps[after] == stamps
         for i in np.unique(after[~sampled]):  # few: one an interval, and most are short
             earlier = intervals[max(i - 1 - _GAP_INTERVALS, 0) : i - 1]
             usual = np.median(earlier) if len(earlier) else np.inf
-            sampled[after == i] = intervals[i - 1] <= 3.0 * usual
+            sampled[(after == i) & ~sampled] = intervals[i - 1] <= 3.0 * usual
         return np.asarray(sampled)
 
     def forget(self, before: int) -> None:

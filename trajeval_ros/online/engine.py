@@ -46,6 +46,7 @@ Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 _SELF_CHECK = 1e-6
+_STRAINED = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,12 +277,14 @@ class Engine:
             return
         newest, held = int(samples[-1]), self._estimates.held_stamp
         oldest = newest - self._patience - self._nanoseconds("max_wait")
+        waiting = newest if self._newest_estimate is not None else oldest
         if self._newest_estimate is not None:
-            waiting = int(self._pending.stamps[0]) if len(self._pending) else self._newest_estimate
-            oldest = max(oldest, min(waiting, newest))
+            waiting = min(waiting, self._newest_estimate)
+        if len(self._pending):
+            waiting = min(waiting, int(self._pending.stamps[0]))
         if held is not None:
-            oldest = min(oldest, held + self._nanoseconds("estimate.time_offset"))
-        self._ground_truth.forget(oldest)
+            waiting = min(waiting, held + self._nanoseconds("estimate.time_offset"))
+        self._ground_truth.forget(max(oldest, waiting))
 
     def _results(self, evaluations: Evaluations) -> Results:
         return Results(
@@ -304,6 +307,16 @@ class Engine:
                     "warning",
                     "inconsistent_likelihoods",
                     f"first-order AE and RE differ by {consistency:.1e}, more than round-off",
+                )
+            )
+        strain = self._evaluation.strain
+        if strain is not None and strain > _STRAINED:
+            found.append(
+                Notice(
+                    "warning",
+                    "first_order_strained",
+                    f"running and first-order AE differ by {100.0 * strain:.0f} %: first order does "
+                    "not hold (ground-truth gaps, long runs), so RE is not calibrated",
                 )
             )
         found += self._doubts.notices()

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from trajeval_ros.metrics.absolute import RunningAbsolute, absolute_residual
 from trajeval_ros.metrics.conventional import RunningConventional
 from trajeval_ros.metrics.first_order import FirstOrderAbsolute
-from trajeval_ros.metrics.gauge import GAUGES, Gauge, Similarity
+from trajeval_ros.metrics.gauge import GAUGES, SE3, Gauge, Similarity
 from trajeval_ros.metrics.gaussian import GaussianLogLikelihood
 from trajeval_ros.metrics.observability import Observability
 from trajeval_ros.metrics.relative import RunningRelative
@@ -24,6 +24,8 @@ from trajeval_ros.online.window import EvaluatedPoses, SlidingWindow
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
+
+_ENOUGH_TO_STRAIN = 100
 
 
 class Evaluation:
@@ -156,6 +158,18 @@ class Evaluation:
         relative = self._relative.total.log_likelihood
         difference = abs(self._first_order.total.log_likelihood - relative)
         return difference / max(abs(relative), 1.0)
+
+    @property
+    def strain(self) -> float | None:
+        """``|running AE - first-order AE| / |first-order AE|``, how far first order holds.
+
+        None under another gauge than ``se3``, and with too few poses to say.
+        """
+        running = self._absolute.total
+        if running is None or self.gauge is not SE3 or self.count < _ENOUGH_TO_STRAIN:
+            return None
+        first_order = self._first_order.total.log_likelihood
+        return abs(running.log_likelihood - first_order) / max(abs(first_order), 1.0)
 
     def window(self) -> EvaluatedPoses:
         """The poses of the sliding window."""

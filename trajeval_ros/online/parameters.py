@@ -60,7 +60,7 @@ class Parameter:
                 return value
             case float() if number:
                 return float(value)  # type: ignore[arg-type]
-            case int() if isinstance(value, int) and not isinstance(value, bool):
+            case int() if isinstance(value, int) and not isinstance(self.default, bool) and number:
                 return value
             case tuple() if not isinstance(value, str) and hasattr(value, "__iter__"):
                 entries = list(value)
