@@ -1,0 +1,172 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Paths and markers for RViz, Foxglove and the like; rarely, and only where somebody looks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from geometry_msgs.msg import Point, PoseStamped
+from nav_msgs.msg import Path
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from trajeval_ros import se3
+from trajeval_ros.metrics.gauge import Similarity
+from trajeval_ros.node.outputs import time_message
+from trajeval_ros.node.trail import Poses, Trail
+from trajeval_ros.online.results import Results
+
+Array = npt.NDArray[np.float64]
+
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# An ellipsoid's half axes in standard deviations. In three dimensions 97 % lie inside.
+_DEVIATIONS = 3.0
+# RViz refuses a marker of size zero.
+_SMALLEST = 1e-6
+_LINE_WIDTH = 0.01
+_UNCERTAINTY = ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.4)
+_ERROR = ColorRGBA(r=1.0, g=0.3, b=0.2, a=0.9)
+
+
+class _Lazy:
+    """A publisher that is served when there is something new, or somebody new."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+        self._state = (0, 0)
+
+    def serve(self, version: int, make: Callable[[], object]) -> None:
+        """Publish what ``make`` returns, if it is of another version or has another audience."""
+        state = (version, self._publisher.get_subscription_count())
+        if state[1] and state != self._state:
+            self._publisher.publish(make())
+        self._state = state
+
+
+class Visualization:
+    """``~/ground_truth/path``, ``~/estimate/path`` and ``~/markers``."""
+
+    def __init__(self, node: Node) -> None:
+        """Advertise the topics."""
+        self._trail = Trail()
+        self._alignment: Similarity | None = None
+        self._frame = ""
+        self._runs = 0
+        self._paths = {
+            name: _Lazy(node.create_publisher(Path, f"~/{name}/path", _LATCHED))
+            for name in ("ground_truth", "estimate")
+        }
+        self._marker_publisher = node.create_publisher(MarkerArray, "~/markers", _LATCHED)
+        self._markers = _Lazy(self._marker_publisher)
+
+    def add(self, results: Results, frame: str) -> None:
+        """Take in what a batch brought; ``frame`` is the ground truth's."""
+        if len(results.evaluations):
+            self._trail.add(results.evaluations)
+            self._alignment = results.alignment
+            self._frame = frame
+
+    def clear(self) -> None:
+        """Start over, and take the markers off the screen."""
+        self._trail.clear()
+        self._alignment = None
+        self._marker_publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+
+    def publish_paths(self) -> None:
+        """Publish both paths in the ground truth's frame."""
+        if not self._trail.count:
+            return
+        poses = self._trail.run
+        self._paths["ground_truth"].serve(
+            self._trail.count, lambda: self._path(poses, poses.ground_truth)
+        )
+        self._paths["estimate"].serve(
+            self._trail.count, lambda: self._path(poses, self._aligned(poses))
+        )
+
+    def publish_markers(self) -> None:
+        """Publish ellipsoids of the ground truth's uncertainty and lines to the estimate."""
+        if self._trail.count:
+            self._markers.serve(self._trail.count, self._marker_array)
+
+    def _aligned(self, poses: Poses) -> Array:
+        """The estimate in the ground truth's frame."""
+        if self._alignment is None:
+            return poses.estimate
+        return self._alignment.apply(poses.estimate)
+
+    def _path(self, poses: Poses, shown: Array) -> Path:
+        path = Path(header=self._header(int(poses.stamps[-1])))
+        positions, quaternions = se3.to_position_quaternion(shown)
+        rows = zip(poses.stamps.tolist(), positions.tolist(), quaternions.tolist(), strict=True)
+        for stamp, position, quaternion in rows:
+            message = PoseStamped(header=self._header(stamp))
+            at, turned = message.pose.position, message.pose.orientation
+            at.x, at.y, at.z = position
+            turned.x, turned.y, turned.z, turned.w = quaternion
+            path.poses.append(message)
+        return path
+
+    def _marker_array(self) -> MarkerArray:
+        poses = self._trail.recent
+        markers = [self._error_lines(poses), *self._ellipsoids(poses)]
+        return MarkerArray(markers=markers)
+
+    def _error_lines(self, poses: Poses) -> Marker:
+        marker = self._marker(poses, "error", 0, Marker.LINE_LIST, _ERROR)
+        marker.scale.x = _LINE_WIDTH
+        ends = (poses.ground_truth[:, :3, 3], self._aligned(poses)[:, :3, 3])
+        points = np.stack(ends, axis=1).reshape(-1, 3).tolist()
+        marker.points = [Point(x=x, y=y, z=z) for x, y, z in points]
+        return marker
+
+    def _ellipsoids(self, poses: Poses) -> list[Marker]:
+        positions, quaternions, deviations = ellipsoids(poses.ground_truth, poses.covariance)
+        markers = []
+        rows = zip(positions.tolist(), quaternions.tolist(), deviations.tolist(), strict=True)
+        for number, (position, quaternion, axes) in enumerate(rows):
+            marker = self._marker(poses, "uncertainty", number, Marker.SPHERE, _UNCERTAINTY)
+            at, turned = marker.pose.position, marker.pose.orientation
+            at.x, at.y, at.z = position
+            turned.x, turned.y, turned.z, turned.w = quaternion
+            # Foxglove and RViz take the diameter.
+            marker.scale.x, marker.scale.y, marker.scale.z = (
+                max(2.0 * _DEVIATIONS * axis, _SMALLEST) for axis in axes
+            )
+            markers.append(marker)
+        return markers
+
+    def _marker(
+        self, poses: Poses, namespace: str, number: int, kind: int, color: ColorRGBA
+    ) -> Marker:
+        marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, color=color)
+        marker.header = self._header(int(poses.stamps[-1]))
+        marker.pose.orientation.w = 1.0
+        return marker
+
+    def _header(self, stamp: int) -> Header:
+        return Header(stamp=time_message(stamp), frame_id=self._frame)
+
+
+def ellipsoids(poses: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """The uncertainty of positions as ellipsoids in the world.
+
+    poses: (n, 4, 4) T_world_body. covariance: (n, 6, 6), right perturbation, body frame. Returns
+    positions (n, 3), the axes' directions as quaternions xyzw (n, 4) and the standard deviations
+    along them (n, 3): with R of the quaternion, ``R diag(s²) Rᵀ`` is the position's covariance in
+    the world's axes.
+    """
+    fixed = se3.covariance_to_fixed_axes(covariance, poses)[:, :3, :3]
+    variances, axes = np.linalg.eigh(fixed)
+    # A rotation, not a reflection: a direction and its opposite are the same axis.
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
+    turned = np.array(poses)
+    turned[:, :3, :3] = axes
+    positions, quaternions = se3.to_position_quaternion(turned)
+    return positions, quaternions, np.sqrt(np.maximum(variances, 0.0))
