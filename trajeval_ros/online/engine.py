@@ -315,8 +315,8 @@ class Engine:
                 Notice(
                     "warning",
                     "first_order_strained",
-                    f"running and first-order AE differ by {100.0 * strain:.0f} %: first order does "
-                    "not hold (ground-truth gaps, long runs), so RE is not calibrated",
+                    f"running and first-order AE differ by {100.0 * strain:.0f} %: first order "
+                    "does not hold (ground-truth gaps, long runs), so RE is not calibrated",
                 )
             )
         found += self._doubts.notices()
