@@ -111,7 +111,7 @@ def trajectory(run: Run, series: Series) -> str:
         )
         height.add_collection(lines)
         height.autoscale_view()
-        height.set_xlim(0.0, series.end)
+        height.set_xlim(0.0, max(series.end, 1e-3))
         height.set_title(f"Height: {names[up]} in metres over time")
         height.set_xlabel("time, s")
         bar = figure.colorbar(lines, cax=figure.add_axes((0.91, 0.2, 0.018, 0.6)), extend="max")
@@ -345,7 +345,7 @@ def _coloured(points: Array, series: Series, colours: Any) -> LineCollection:
     level = np.minimum((error / norm.vmax * _COLOURS).astype(int), _COLOURS)
     level[series.breaks - 1] = -1
     starts = np.flatnonzero(np.diff(level, prepend=-2))
-    ends = np.append(starts[1:], len(level))
+    ends = np.append(starts, len(level))[1:]
     stretches = [(a, b) for a, b in zip(starts, ends, strict=True) if level[a] >= 0]
     lines = LineCollection(
         [points[a : b + 1] for a, b in stretches],
