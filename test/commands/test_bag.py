@@ -1,0 +1,76 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``evaluate bag`` on real bags."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BAGS = ROOT.parent / "shared" / "data" / "rosbags"
+
+
+def evaluate_bag(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "trajeval_ros.commands.evaluate", "bag", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def bag(name: str) -> Path:
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    path = BAGS / name
+    if not path.exists():
+        pytest.skip(f"the real data is not here: {path}")
+    return path
+
+
+def test_without_topics_the_candidates_are_listed() -> None:
+    result = evaluate_bag(bag("nav2_turtlebot.mcap"))
+    assert result.returncode == 2
+    assert "name two of these topics with --ground-truth and --estimate" in result.stderr
+    assert re.search(r"/odom +nav_msgs/msg/Odometry +2,639 +27\.3 Hz", result.stdout)
+    assert re.search(r"/amcl_pose +geometry_msgs/msg/PoseWithCov\w+ +135", result.stdout)
+
+
+def test_two_topics_are_scored_by_header_stamps(tmp_path: Path) -> None:
+    result = evaluate_bag(
+        bag("nav2_turtlebot.mcap"),
+        *("--ground-truth", "/odom", "--estimate", "/amcl_pose", "--output", tmp_path),
+    )
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert summary["estimate"]["received"] == 135
+    assert summary["estimate"]["evaluated"] > 100
+    stamp = (tmp_path / "poses.csv").read_text(encoding="utf-8").splitlines()[1].split(",")[0]
+    # simulated time begins near 0; the log was written in 2026
+    assert int(stamp) < 1e15
+
+
+def test_a_topic_that_is_not_there_is_named_with_those_that_are() -> None:
+    result = evaluate_bag(
+        bag("ROS_example.bag"), "--ground-truth", "groundtruth", "--estimate", "orb"
+    )
+    assert result.returncode == 1
+    assert len(result.stderr.strip().splitlines()[-1:]) == 1
+    assert "no topic 'orb'" in result.stderr
+    assert "ORB-SLAM" in result.stderr
+
+
+def test_a_file_that_is_no_bag(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    path = tmp_path / "notes.bag"
+    path.write_text("not a bag\n", encoding="utf-8")
+    result = evaluate_bag(path, "--ground-truth", "a", "--estimate", "b")
+    assert result.returncode == 1
+    assert "notes.bag" in result.stderr
+    assert "Traceback" not in result.stderr
