@@ -21,6 +21,9 @@ NOBLE_TESTS = $(wildcard $(foreach name,se3 ground_truth metrics online files re
 # Nodes of this machine only; messages type-checked as they are built; rclpy wants a HOME.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export ROS_PYTHON_CHECK_FIELDS ?= 1
+# Small matrices: more threads only wait for each other.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 ifeq ($(strip $(HOME)),)
 export HOME := $(CURDIR)/.venv

@@ -6,6 +6,10 @@ import os
 
 from hypothesis import settings
 
+from trajeval_ros import blas
+
+blas.use_one_thread()  # before any test imports NumPy
+
 # The same inputs in every run, and no time limit on one example: the machine may be busy.
 settings.register_profile("repeatable", derandomize=True, deadline=None, print_blob=True)
 # HYPOTHESIS_PROFILE=search looks for new counterexamples, many more of them.
