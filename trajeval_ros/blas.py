@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One thread for the linear algebra.
 
-The matrices here have tens to hundreds of rows: more threads only wait for each other, and on a busy
-machine they make the whole several times slower. BLAS reads these variables when NumPy is first
-imported, so the executables' packages call this before anything else. Who sets them keeps them.
+The matrices here have tens to hundreds of rows: more threads only wait for each other, and on a
+busy machine they make the whole several times slower. BLAS reads these variables when NumPy is
+first imported, so the executables' packages call this first of all. Who sets them keeps them.
 """
 
 import os
