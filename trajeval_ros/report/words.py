@@ -350,7 +350,7 @@ def parameters(run: Run) -> list[tuple[str, str, str, bool]]:
         if isinstance(value, list | tuple):
             shown, value = ", ".join(f"{entry:g}" for entry in value), tuple(value)
         else:
-            shown = str(value)
+            shown = str(value).lower() if isinstance(value, bool) else str(value)
         same = value == parameter.default
         unit = f" ({parameter.unit})" if parameter.unit else ""
         rows.append((name, shown or '""', f"{parameter.description}{unit}", not same))
