@@ -87,11 +87,17 @@ def messages(kind: type, chosen: PoseSamples, frame: str = "map") -> list[Any]:
 
 
 def publish_in_order(
-    publishers: Sequence[Any], streams: Sequence[Sequence[Any]], rate: float = 4000.0
+    publishers: Sequence[Any],
+    streams: Sequence[Sequence[Any]],
+    rate: float = 4000.0,
+    delays: Sequence[float] = (0.0, 0.0),
 ) -> None:
-    """Publish several streams merged by stamp, at most ``rate`` messages a second."""
+    """Publish several streams merged by stamp, at most ``rate`` messages a second.
+
+    ``delays`` (s) tell how much later than its stamp each stream comes.
+    """
     merged = sorted(
-        ((m.header.stamp.sec, m.header.stamp.nanosec), i, k)
+        (m.header.stamp.sec + m.header.stamp.nanosec / SECOND + delays[i], i, k)
         for i, stream in enumerate(streams)
         for k, m in enumerate(stream)
     )

@@ -15,7 +15,7 @@ import data
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped
 from harness import Graph, accounted, save_samples, values_of
 from std_msgs.msg import Float64
 
@@ -168,3 +168,28 @@ def is_number(text: str) -> bool:
 def nanoseconds(message: Any) -> int:
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+@pytest.mark.parametrize(
+    ("delays", "rate"),
+    [((0.0, 0.9), 3000.0), ((0.9, 0.0), 3000.0), ((0.3, 0.0), 600.0)],
+    ids=["estimate late", "ground truth late", "slow"],
+)
+def test_the_order_of_arrival_does_not_matter(
+    graph: Graph, tmp_path: Path, delays: tuple[float, float], rate: float
+) -> None:
+    """The topics delayed against each other by up to max_wait, at several speeds."""
+    truth, estimate = data.run(10.0)
+    out = tmp_path / "out"
+    node = graph.start_evaluator(output__directory=str(out), gauge="yaw_translation")
+    publishers = [graph.publisher(topic) for topic in ("ground_truth", "estimate")]
+    graph.until_heard(*publishers)
+    streams = [data.messages(PoseStamped, each) for each in (truth, estimate)]
+    data.publish_in_order(publishers, streams, rate, delays)
+    graph.until_accounted("estimate", len(estimate))
+    graph.until_accounted("ground_truth", len(truth))
+    assert node.end() == 0
+    expected, _ = engine_on({"gauge": "yaw_translation"}, truth, estimate)
+    summary = json.loads((out / "summary.json").read_text())
+    assert_same_figures(summary, json.loads(json.dumps(expected)))
+    assert summary["estimate"]["evaluated"] == len(estimate)

@@ -265,3 +265,53 @@ def test_two_in_two_namespaces(graph: Graph, tmp_path: Path) -> None:
 def received(graph: Graph, namespace: str, topic: str) -> int:
     status = graph.health(f"{namespace}/evaluator").get(topic)
     return -1 if status is None else int(values_of(status).get("received", -1))
+
+
+def test_a_subscriber_that_stands_still_slows_nothing(graph: Graph, tmp_path: Path) -> None:
+    """A reliable subscriber to everything that has stopped taking its messages."""
+    graph.start_evaluator(output__directory=str(tmp_path / "out"), **FIXED)
+    listener = graph.start(str(Path(__file__).parent / "listener.py"))
+    graph.until(lambda: "listening" in listener.output, "a listener")
+    counts = play(graph, 3.0)
+    graph.until_accounted("estimate", counts[1])
+    graph.until(lambda: "heard" in listener.output, "a metric at the listener")
+    listener.send(signal.SIGSTOP)
+    assert graph.call("/evaluator/reset").success
+    counts = play(graph, 20.0)
+    graph.until_accounted("ground_truth", counts[0])
+    graph.until_accounted("estimate", counts[1])
+    batches = [
+        float(values_of(status)["longest_batch"])
+        for message in graph.received["/diagnostics"]
+        for status in message.status
+        if status.name.endswith("performance")
+    ]
+    # Fast DDS waits 100 ms at the most for room, and learning is off.
+    assert max(batches) < 2.0
+    assert graph.call("/evaluator/save").success
+
+
+def test_paths_and_markers_are_bounded_and_cleared(graph: Graph) -> None:
+    from nav_msgs.msg import Path as PathMessage
+    from visualization_msgs.msg import Marker, MarkerArray
+
+    graph.start_evaluator(**FIXED)
+    play(graph, 30.0)
+    # Subscribed only now: they are latched, and served to whoever comes.
+    truth = graph.listen(PathMessage, "/evaluator/ground_truth/path", latched=True)
+    estimate = graph.listen(PathMessage, "/evaluator/estimate/path", latched=True)
+    markers = graph.listen(MarkerArray, "/evaluator/markers", latched=True)
+    graph.until(lambda: truth and estimate and markers, "paths and markers")
+    graph.until(lambda: len(truth[-1].poses) > 500, "the whole path")
+    assert len(truth[-1].poses) <= 1000
+    assert {truth[-1].header.frame_id, estimate[-1].header.frame_id} == {"map"}
+    graph.until(lambda: len(estimate[-1].poses) == len(truth[-1].poses), "both of one length")
+    for one, other in zip(truth[-1].poses, estimate[-1].poses, strict=True):
+        # The estimate is in a world of its own; here it is aligned.
+        assert abs(one.pose.position.x - other.pose.position.x) < 0.2
+        assert one.header.stamp == other.header.stamp
+    kinds = [marker.type for marker in markers[-1].markers]
+    assert kinds == [Marker.LINE_LIST] + 50 * [Marker.SPHERE]
+    assert all(marker.scale.x > 0.0 for marker in markers[-1].markers)
+    assert graph.call("/evaluator/reset").success
+    graph.until(lambda: markers[-1].markers[0].action == Marker.DELETEALL, "no more markers")

@@ -98,6 +98,11 @@ class Evaluator(Node):
         self._session.close()
         return written
 
+    def rescue(self) -> None:
+        """Write the output folder as it is, because something has gone wrong."""
+        self._save()
+        self._session.close()
+
     # ------------------------------------------------------------------------- timers, services
 
     def _on_batch(self) -> None:

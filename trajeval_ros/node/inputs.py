@@ -81,6 +81,7 @@ class Input:
         self._subscription: Subscription | None = None
         self._held: Decoded | None = None
         self._group = _Polled()
+        self._identities: list[tuple[int, ...]] = []
         self._sequence: int | None = None
         self._lost = 0
         self._undecodable = 0
@@ -108,9 +109,12 @@ class Input:
 
     def discover(self) -> None:
         """Look at the publishers, and subscribe in the way that suits them."""
-        self._publishers = tuple(
-            _endpoint(info) for info in self._node.get_publishers_info_by_topic(self._name)
-        )
+        found = self._node.get_publishers_info_by_topic(self._name)
+        self._publishers = tuple(_endpoint(info) for info in found)
+        identities = [tuple(info.endpoint_gid) for info in found]
+        if identities != self._identities:
+            # Another publisher counts its messages anew.
+            self._identities, self._sequence = identities, None
         before = self._plan.offer
         after = plan(
             self._topic, self._publishers, self._type_name, self._reliability, KNOWN, before

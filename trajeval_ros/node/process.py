@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import ok, remove_ros_args, try_shutdown
+from rclpy.utilities import remove_ros_args, try_shutdown
 
 from trajeval_ros.node.evaluator import Evaluator
 from trajeval_ros.node.main import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail
@@ -21,7 +21,7 @@ _ATTENTION = 0.1
 
 
 def run(arguments: Sequence[str], stop: Stop) -> int:
-    """Run the node until ``stop`` is requested or ROS is shut down; return the exit code."""
+    """Run the node until ``stop`` is requested; return the exit code."""
     try:
         # Our own signal handlers: rclpy's would take ROS down before the results are published.
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
@@ -43,10 +43,12 @@ def _run(others: Sequence[str], stop: Stop) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        while not stop.requested and ok():
+        while not stop.requested:
             executor.spin_once(timeout_sec=_ATTENTION)
-    except ExternalShutdownException:
-        pass  # somebody has shut ROS down: the results are written all the same
+    except Exception:
+        # A defect, and it is shown; what has been evaluated until then is written all the same.
+        node.rescue()
+        raise
     written = node.close()
     executor.shutdown()
     node.destroy_node()
