@@ -47,8 +47,6 @@ def summary_in(folder: Path) -> dict:
         (["-p", "gauge:=so3"], "gauge must be one of se3, none"),
         (["-p", "ground_truth.lags:=0.3"], "unknown parameter ground_truth.lags"),
         (["-p", "max_wait:=-1.0"], "max_wait must be at least 0.0, got -1.0"),
-        (["-p", "max_wait:=nan"], "max_wait must be"),
-        (["-p", "ground_truth.max_gap:=wide"], "ground_truth.max_gap must be a number"),
         (["-p", "estimate.use_covariance:=maybe"], "estimate.use_covariance must be a bool"),
         (["-p", "extrinsic:=[1.0, 2.0]"], "extrinsic must be seven finite numbers"),
         (["-p", "use_sim_time:=2"], "use_sim_time must be a bool, got 2"),
