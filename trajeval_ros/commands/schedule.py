@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.online.feed import arrival_times
+
 Stamps = npt.NDArray[np.int64]
 
 
@@ -37,16 +39,3 @@ def merge(*stamps: Stamps) -> Schedule:
     # Stable: at the same time the first topic, the ground truth, comes first.
     order = np.argsort(times, kind="stable")
     return Schedule(times[order], topics[order], rows[order])
-
-
-def arrival_times(stamps: Stamps) -> Stamps:
-    """Return when messages with these stamps, in this order, would have come.
-
-    A message whose stamp goes back comes when the ones before it have come; a single wild stamp
-    is passed over by a median of three neighbours, or it would hold up all that follow.
-    """
-    if len(stamps) < 3:
-        return np.maximum.accumulate(stamps)
-    padded = np.concatenate([stamps[:1], stamps, stamps[-1:]])
-    neighbours = np.stack([padded[:-2], padded[1:-1], padded[2:]])
-    return np.maximum.accumulate(np.sort(neighbours, axis=0)[1])

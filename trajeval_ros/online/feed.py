@@ -27,8 +27,8 @@ def feed(
     """
     offset = engine.parameters["estimate.time_offset"]
     assert isinstance(offset, float)
-    truth_times = _arrival(ground_truth.stamps)
-    estimate_times = _arrival(estimate.stamps + round(offset * 1e9))
+    truth_times = arrival_times(ground_truth.stamps)
+    estimate_times = arrival_times(estimate.stamps + round(offset * 1e9))
     taken = [0, 0]
     for now in _chunk_ends(truth_times, estimate_times, chunk):
         until = [int(np.searchsorted(t, now, side="right")) for t in (truth_times, estimate_times)]
@@ -39,7 +39,7 @@ def feed(
     yield engine.finish()
 
 
-def _arrival(stamps: Stamps) -> Stamps:
+def arrival_times(stamps: Stamps) -> Stamps:
     """When each pose arrives: at its stamp, but no later than the next few, and in order.
 
     So a wrong stamp far ahead does not hold up the poses after it.
