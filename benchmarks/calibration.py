@@ -346,9 +346,12 @@ def single_cells(cells: Cells) -> Iterator[Table]:
     for cell in cells:
         scores = [cell.interpolations[m] for m in INTERPOLATIONS] + [cell.live[k] for k in KERNELS]
         rows.append(
-            (cell.sequence, str(cell.rate))
-            + tuple(f"{1e3 * s.position_rmse:.2f}" for s in scores)
-            + tuple(f"{1e3 * s.rotation_rmse:.2f}" for s in scores)
+            (
+                cell.sequence,
+                str(cell.rate),
+                *(f"{1e3 * s.position_rmse:.2f}" for s in scores),
+                *(f"{1e3 * s.rotation_rmse:.2f}" for s in scores),
+            )
         )
     names = (*INTERPOLATIONS, *(f"`{kernel}`" for kernel in KERNELS))
     header += tuple(f"{name}, {unit}" for unit in ("mm", "mrad") for name in names)
@@ -358,10 +361,13 @@ def single_cells(cells: Cells) -> Iterator[Table]:
     for cell in cells:
         scores = [cell.live[process] for process in PROCESSES]
         rows.append(
-            (cell.sequence, str(cell.rate))
-            + tuple(f"{-(s.log_density or 0.0):.1f}" for s in scores)
-            + tuple(f"{s.anees:.2f}" for s in scores)
-            + tuple(f"{100 * (s.coverage or 0.0):.0f} %" for s in scores)
+            (
+                cell.sequence,
+                str(cell.rate),
+                *(f"{-(s.log_density or 0.0):.1f}" for s in scores),
+                *(f"{s.anees:.2f}" for s in scores),
+                *(f"{100 * (s.coverage or 0.0):.0f} %" for s in scores),
+            )
         )
     names = tuple(f"`{p}`" if p in KERNELS else p for p in PROCESSES)
     kinds = ("negative log density", "ANEES", "95 % holds")
