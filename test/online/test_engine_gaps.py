@@ -47,7 +47,7 @@ def rejected(engine):
     phase=st.integers(1, 9),
     live=st.booleans(),
 )
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_an_estimate_is_scored_where_a_sample_lies_within_max_gap(gap, max_gap, phase, live):
     begin, end = 3.0, 3.0 + 0.1 * gap
     truth = np.arange(0, 151) * 0.1
@@ -292,8 +292,8 @@ def test_sparse_estimates_are_all_evaluated(apart):
 
 def test_max_wait_longer_than_the_window():
     parameters = {**FIXED, "window.duration": 1.0, "max_wait": 5.0}
-    run = simulated(1, 12.0)
+    run = simulated(1, 8.0)
     expected, _ = handed_over({**parameters, "window.duration": 1.0}, run)
     for delays in ((0, 4 * SECOND), (4 * SECOND, 0)):
-        engine, _ = played(parameters, run, 0.1, delays)
+        engine, _ = played(parameters, run, 0.25, delays)
         assert_same_summary(engine.summary(), expected.summary())

@@ -67,10 +67,10 @@ def test_the_scenario_has_evaluated_and_rejected_estimates():
 
 
 @given(data=st.data())
-@settings(max_examples=25)
+@settings(max_examples=10)
 def test_interleaving_batch_cuts_delays_and_the_clock_do_not_matter(data):
     run, parameters, summary, evaluations = scenario()
-    period = data.draw(st.sampled_from([0.05, 0.31, 1.0, 4.0]), "seconds between ticks")
+    period = data.draw(st.sampled_from([0.1, 0.31, 1.0, 4.0]), "seconds between ticks")
     delays = tuple(
         data.draw(st.integers(0, SECOND), f"delay of the {name}")
         for name in ("ground truth", "estimate")
@@ -156,7 +156,7 @@ def test_empty_batches_do_not_matter():
     delay=st.tuples(st.integers(0, SECOND), st.integers(0, SECOND)),
     period=st.sampled_from([0.2, 0.77]),
 )
-@settings(max_examples=6)
+@settings(max_examples=4)
 def test_bad_messages_do_not_make_the_order_matter(delay, period):
     run, parameters, _, _ = scenario()
     truth, estimate = (
@@ -240,9 +240,9 @@ def test_samples_is_the_inverse_of_the_intake():
     np.testing.assert_allclose(again.positions, run.estimate.positions[kept], atol=1e-14)
 
 
-@pytest.mark.parametrize("period", [0.02, 0.5, 3.0])
+@pytest.mark.parametrize("period", [0.1, 0.5, 3.0])
 def test_learning_does_not_depend_on_the_batches(period):
-    run = simulated(11, 20.0, dropouts=((4.0, 6.5),))
+    run = simulated(11, 15.0, dropouts=((4.0, 6.5),))
     expected, _ = handed_over({}, run)
     engine, _ = played({}, run, period)
     assert_same_summary(engine.summary(), expected.summary())

@@ -86,7 +86,9 @@ def test_inside_the_real_gap_there_is_no_ground_truth_by_default():
     assert (end - begin) / SECOND == pytest.approx(11.99, abs=0.01)
     inside = (other.stamps > begin + SECOND) & (other.stamps < end - SECOND)
     # There are two gaps of two seconds besides.
-    nearest = np.abs(truth.stamps[:, None] - other.stamps).min(axis=0)
+    after = np.searchsorted(truth.stamps, other.stamps)
+    around = truth.stamps[[after - 1, np.minimum(after, len(truth) - 1)]]
+    nearest = np.abs(around - other.stamps).min(axis=0)
     assert balance(engine).rejected == {"no_ground_truth": np.count_nonzero(nearest > SECOND)}
     assert np.count_nonzero(inside) > 250
     assert not np.isin(other.stamps[inside], evaluations["stamps"]).any()

@@ -170,7 +170,7 @@ class AnyInput(RuleBasedStateMachine):
                     assert np.isfinite(value)
 
 
-AnyInput.TestCase.settings = settings(max_examples=25, stateful_step_count=20)
+AnyInput.TestCase.settings = settings(max_examples=12, stateful_step_count=20)
 TestAnyInput = AnyInput.TestCase
 
 
@@ -214,8 +214,8 @@ def long_run(engine, seconds, chunk=20, rates=(50, 10), topics=("truth", "estima
 
 def test_memory_is_flat_over_a_long_run():
     engine = Engine(FIXED)
-    sizes = list(long_run(engine, 900))
-    assert max(sizes[5:]) < 1.2 * max(sizes[5:12])
+    sizes = list(long_run(engine, 500))
+    assert max(sizes[5:]) < 1.2 * max(sizes[5:10])
     assert balance(engine).pending <= 10
     assert max(sizes) < 60e6
 
@@ -225,20 +225,20 @@ def test_memory_is_flat_to_the_byte():
     tracemalloc.start()
     try:
         traced = []
-        for _ in long_run(engine, 360, rates=(20, 5)):
+        for _ in long_run(engine, 480, chunk=30, rates=(10, 2)):
             gc.collect()
             traced.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
-    assert max(traced[10:]) < 1.1 * max(traced[4:10]) + 50_000
+    assert max(traced[9:]) < 1.1 * max(traced[3:9]) + 50_000
 
 
 def test_one_topic_alone_does_not_fill_the_memory():
     engine = Engine(FIXED)
-    sizes = list(long_run(engine, 1200, topics=("truth",)))
+    sizes = list(long_run(engine, 800, topics=("truth",)))
     assert max(sizes) < 1.5 * max(sizes[3:10])
     engine = Engine(FIXED)
-    sizes = list(long_run(engine, 1200, topics=("estimate",)))
+    sizes = list(long_run(engine, 800, topics=("estimate",)))
     assert max(sizes) < 1e6
     assert balance(engine).pending <= 10 * 3
 
@@ -246,12 +246,12 @@ def test_one_topic_alone_does_not_fill_the_memory():
 def test_a_robot_that_stands_still_does_not_fill_the_memory():
     engine = Engine({"relative.unit": "m"})
     sizes = []
-    for begin in range(0, 600, 10):
+    for begin in range(0, 300, 10):
         for rate, add in ((20, engine.add_ground_truth), (5, engine.add_estimate)):
             times = begin + np.arange(1, 10 * rate + 1) / rate
             still = np.broadcast_to(np.eye(4), (len(times), 4, 4))
             add(samples(START + np.rint(times * SECOND).astype(np.int64), still))
         engine.advance(START + (begin + 10) * SECOND)
         sizes.append(held(engine))
-    assert max(sizes[20:]) < 1.2 * max(sizes[8:20])
-    assert balance(engine).used > 2900
+    assert max(sizes[15:]) < 1.2 * max(sizes[8:15])
+    assert balance(engine).used > 1400
