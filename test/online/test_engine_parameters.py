@@ -18,7 +18,6 @@ NUMBERS = [n for n in NAMES if type(PARAMETERS[n].default) in (int, float)]
 CHOICES = [n for n in NAMES if PARAMETERS[n].choices]
 DYNAMIC = [n for n in NAMES if PARAMETERS[n].dynamic]
 
-PENDING = ("estimate.use_covariance", "ground_truth.use_covariance")
 WRONG_TYPES = {
     bool: [0, 1, "true", 1.0, None, [True]],
     str: [0, None, True, 1.5, ["auto"]],
@@ -54,7 +53,7 @@ def test_a_default_is_taken_and_described(name):
     assert parameter.validate(parameter.default) == parameter.default
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if n not in PENDING])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_wrong_type_is_refused(name):
     for value in WRONG_TYPES[type(PARAMETERS[name].default)]:
         refused(name, value, "must be")

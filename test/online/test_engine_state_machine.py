@@ -243,6 +243,17 @@ def test_one_topic_alone_does_not_fill_the_memory():
     assert balance(engine).pending <= 10 * 3
 
 
+def test_unset_stamps_do_not_fill_the_memory():
+    engine = Engine(FIXED)
+    zeros = samples(np.zeros(3), motion(np.zeros(3)))
+    engine.add_estimate(zeros)
+    sizes = []
+    for size in long_run(engine, 800, topics=("truth",)):
+        engine.add_estimate(zeros)
+        sizes.append(size)
+    assert max(sizes) < 1.5 * max(sizes[3:10])
+
+
 def test_a_robot_that_stands_still_does_not_fill_the_memory():
     engine = Engine({"relative.unit": "m"})
     sizes = []
