@@ -153,7 +153,7 @@ class JointRecursion:
             white, _ = self._whitener.update(blocks, np.eye(6, 7)[None])
         except CovarianceError:
             raise CovarianceError(-1) from None
-        self._spread_root = np.linalg.inv(white[0, :, :6])
+        self._spread_root = np.asarray(np.linalg.inv(white[0, :, :6]), dtype=np.float64)
 
     def _take(self, error: Array, adjoint: Array, blocks: Array) -> tuple[Array, Array]:
         columns = np.empty((len(error), 6, 7))

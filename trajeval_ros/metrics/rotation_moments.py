@@ -102,7 +102,7 @@ class RotationMoments:
             self._anchor = rotations[0].copy()
         from_anchor = se3.log_so3(rotations @ self._anchor.T)
         keys = np.rint(from_anchor / CELL).astype(np.int64)
-        centres = keys * CELL
+        centres: Array = keys * np.float64(CELL)
         zeta = se3.log_so3(se3.exp_so3(from_anchor) @ se3.exp_so3(-centres))
         # |key| is at most pi / CELL < 64 in each coordinate.
         codes, first, member = np.unique(

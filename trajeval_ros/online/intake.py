@@ -189,7 +189,7 @@ _NOTHING = PoseSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((
 
 def _invalid(covariances: Array) -> Mask:
     """Not finite, not symmetric, or with an eigenvalue below round-off."""
-    finite = np.isfinite(covariances).all(axis=(-1, -2))
+    finite: Mask = np.asarray(np.isfinite(covariances).all(axis=(-1, -2)))
     safe = np.where(finite[:, None, None], covariances, 0.0)
     size = np.abs(safe).max(axis=(-1, -2), initial=0.0)
     skew = np.abs(safe - np.swapaxes(safe, -1, -2)).max(axis=(-1, -2), initial=0.0)

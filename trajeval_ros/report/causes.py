@@ -253,7 +253,7 @@ def _clock(stamps: Stamps, ground_truth: Array, estimate: Array) -> tuple[Cause,
     # Where nothing was scored, interpolation is no evidence.
     scored = np.abs(grid - middle[np.searchsorted(middle[:-1], grid)]) < 2 * step
     lags = np.arange(-longest, longest + 1)
-    correlation = np.array([_correlation(truth, other, scored, lag) for lag in lags])
+    correlation = np.array([_correlation(truth, other, scored, int(lag)) for lag in lags])
     best = int(np.argmax(correlation))
     if not 0 < best < len(lags) - 1:
         return ()

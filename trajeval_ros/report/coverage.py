@@ -123,8 +123,10 @@ class Coverage:
 
     def rate(self) -> tuple[Stamps, npt.NDArray[np.float64]]:
         """Edges of the bins in nanoseconds, (B + 1,), and the rate in each in hertz, (B,)."""
-        edges = (self._first + np.arange(len(self._counts) + 1)) * self._width
-        return edges, self._counts * (SECOND / self._width)
+        bins = np.arange(len(self._counts) + 1, dtype=np.int64)
+        edges: Stamps = (self._first + bins) * np.int64(self._width)
+        rates = np.asarray(self._counts * (SECOND / self._width), dtype=np.float64)
+        return edges, rates
 
     def gaps(self, longer_than: float) -> list[Gap]:
         """Gaps longer than this many seconds, in time order; the longest ones if there are many."""
