@@ -66,11 +66,9 @@ def test_the_answer_is_the_weighted_one_of_the_segments(times, shape):
             weight = blended.weight(stamps[i : i + 1])[0]
             if weight > 0.0:
                 process = truth._process(blended.index)
-                pose, covariance = blended.segment.posterior(
-                    process, stamps[i : i + 1], until[i : i + 1]
-                )
-                poses.append(pose[0])
-                covariances.append(covariance[0])
+                answered = blended.segment.posterior(process, stamps[i : i + 1], until[i : i + 1])
+                poses.append(answered.poses[0])
+                covariances.append(answered.covariances[0])
                 weights.append(weight)
         expected = poses[0]
         if len(poses) == 2:
@@ -115,12 +113,9 @@ def test_there_is_something_to_jump_between():
     first, second = list(segmentation)[:2]
     stamps = np.array([second.incoming.begin + SECOND // 7])
     process = ground_truth(samples)._process(0)
-    poses, covariances = zip(
-        *(b.segment.posterior(process, stamps, samples.stamps[-1:]) for b in (first, second)),
-        strict=True,
-    )
-    assert np.abs(poses[0] - poses[1]).max() > 1e-6
-    first, second = (np.trace(c[0]) for c in covariances)
+    answers = [b.segment.posterior(process, stamps, samples.stamps[-1:]) for b in (first, second)]
+    assert np.abs(answers[0].poses - answers[1].poses).max() > 1e-6
+    first, second = (np.trace(answer.covariances[0]) for answer in answers)
     assert abs(first / second - 1.0) > 1e-4
 
 

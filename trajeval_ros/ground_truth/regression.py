@@ -17,6 +17,8 @@ leading block, so a truncated answer costs no new factorisation.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
@@ -47,6 +49,13 @@ _ROUND_OFF = 64.0 * np.finfo(np.float64).eps
 def _rounded_up(count: int) -> int:
     """The smallest of 32, 64, 128, ... that holds ``count`` rows."""
     return _BLOCK << max(0, (max(count, 1) - 1) // _BLOCK).bit_length()
+
+
+def _by_size(counts: Counts) -> Iterator[tuple[int, Counts]]:
+    """The sizes of `_rounded_up`, and which of the counts (q,) need which."""
+    for size in np.unique([_rounded_up(int(c)) for c in np.unique(counts)]):
+        least = size // 2 if size > _BLOCK else 0
+        yield int(size), np.flatnonzero((counts <= size) & (counts > least))
 
 
 class Regression:
@@ -168,13 +177,38 @@ class Regression:
             result[chosen] += update[chosen]
         return result
 
+    def cross_variances(self, times: Array, known: int, counts: Counts) -> list[Array]:
+        """Return the posterior covariances over ``s²`` of each time with all those before it.
+
+        ``times`` (k + q,), k = ``known``; ``counts`` (q,) >= 1 of the last q. Each (k + i,), i = 0
+        ... q - 1, given the later one's first ``counts`` samples, its set being the larger: the
+        later error is orthogonal to all that the earlier answer knew, so that is the covariance
+        of the errors. With ``u = L⁻ᵀ (v_j + g r_j / A)`` it is ``k(t_i, t_j) + r_j / A - k(t_i)ᵀ
+        u``, for any number of t_i.
+        """
+        white, r, _ = self._whitened(times[known:], counts)
+        information = self._sums[counts - 1, 0]
+        drawn = r / information
+        rows = len(white)
+        right = white[:, : len(counts)] + self._white[:rows, :1] * drawn
+        right[np.arange(rows)[:, None] >= counts] = 0.0
+        samples = self._covariance(times, self._times[:rows])
+        prior = self._covariance(times, times[known:])
+        found = []
+        for size, chosen in _by_size(counts):
+            panel = np.zeros((size, -(-len(chosen) // _PANEL) * _PANEL), order="F")
+            panel[:, : len(chosen)] = right[:size, chosen]
+            weights, _ = lapack.dtrtrs(self._factor[:size, :size], panel, lower=1, trans=1)
+            for j, weight in zip(chosen, weights.T, strict=False):
+                explained = samples[: known + j, :size] @ weight
+                found.append((j, prior[: known + j, j] + drawn[j] - explained))
+        return [row for _, row in sorted(found, key=lambda entry: int(entry[0]))]
+
     def _whitened(self, times: Array, counts: Counts) -> tuple[Array, Array, Array]:
         """``v`` (rows, panels of q), zero from row ``counts`` on; ``r`` (q,); ``vᵀ z`` (q, c)."""
         rows = _rounded_up(int(counts.max(initial=0)))
         white = np.zeros((rows, -(-len(times) // _PANEL) * _PANEL))
-        for size in np.unique([_rounded_up(int(c)) for c in np.unique(counts)]):
-            least = size // 2 if size > _BLOCK else 0
-            chosen = np.flatnonzero((counts <= size) & (counts > least))
+        for size, chosen in _by_size(counts):
             panel = np.zeros((size, -(-len(chosen) // _PANEL) * _PANEL), order="F")
             panel[:, : len(chosen)] = self._covariance(self._times[:size], times[chosen])
             panel = _solve(self._factor[:size, :size], panel)

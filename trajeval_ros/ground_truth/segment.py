@@ -75,6 +75,12 @@ class Process:
         return self.hyperparameters.translation, self.hyperparameters.rotation
 
     @property
+    def variances(self) -> tuple[Array, Array]:
+        """``k(t, t)`` and the noise's standard deviation of each coordinate; (6,)."""
+        signal = [sum(c.std**2 for c in group.components) for group in self.groups]
+        return np.repeat(signal, 3), np.repeat([group.noise_std for group in self.groups], 3)
+
+    @property
     def least_scales(self) -> tuple[float, ...]:
         """The least ``s²`` of translation and rotation."""
         noises = (group.noise_std for group in self.groups)
@@ -82,6 +88,22 @@ class Process:
             max(LEAST_SCALE, min((floor / noise) ** 2, 1.0))
             for floor, noise in zip(self.accuracy, noises, strict=True)
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a segment says of q queries.
+
+    ``poses`` (q, 4, 4) in the world; ``covariances`` ``Σ = B P Bᵀ`` (q, 6, 6) of their right
+    perturbation, in the body frame; ``to_body`` B (q, 6, 6); ``variances`` P (q, 6) of the local
+    coordinates, with the squares of ``scales`` s (q, 6).
+    """
+
+    poses: Array
+    covariances: Array
+    to_body: Array
+    variances: Array
+    scales: Array
 
 
 class Segment:
@@ -180,27 +202,43 @@ class Segment:
                     regression.extend(times, self._coordinates[:, first : first + width], noise)
         return self._regressions
 
-    def posterior(self, process: Process, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:
-        """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,).
-
-        The poses (q, 4, 4) in the world, with the coordinates ``m``, and ``Σ = B P Bᵀ`` (q, 6, 6)
-        of their right perturbation, in the body frame.
-        """
+    def posterior(self, process: Process, stamps: Stamps, until: Stamps) -> Answer:
+        """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,)."""
         counts = np.searchsorted(self._samples.stamps, until, side="right")
         times = self._seconds(stamps)
-        means, variances = [], []
+        means, variances, squared_scales = [], [], []
         conditioned = self._conditioned(process, int(counts.max(initial=0)))
         for regressions, least in zip(conditioned, process.least_scales, strict=True):
             answers = [regression.posterior(times, counts) for regression in regressions]
             squares = np.add.reduce([regression.squares(counts) for regression in regressions])
             factor = scale(squares, counts, 3, least)
+            squared_scales += [factor] * 3
             for mean_part, variance_part in answers:
                 means.append(mean_part)
                 variances += [factor * variance_part] * mean_part.shape[1]
         mean, variance = np.concatenate(means, axis=-1), np.stack(variances, axis=-1)
         to_body = _to_body(mean[:, 3:])
         covariance = np.einsum("qij,qj,qkj->qik", to_body, variance, to_body)
-        return self._pose(mean), covariance
+        scales = np.sqrt(np.stack(squared_scales, axis=-1))
+        return Answer(self._pose(mean), covariance, to_body, variance, scales)
+
+    def cross_variances(
+        self, process: Process, stamps: Stamps, known: int, until: Stamps
+    ) -> list[Array]:
+        """Return each query's covariances over ``s²`` with all the queries before it.
+
+        ``stamps`` (k + q,), increasing, k = ``known``; ``until`` (q,) of the last q, not
+        decreasing. Each (k + i, 6), i = 0 ... q - 1, by local coordinate, given the later query's
+        samples.
+        """
+        counts = np.searchsorted(self._samples.stamps, until, side="right")
+        times = self._seconds(stamps)
+        columns = []
+        for regressions in self._conditioned(process, int(counts.max(initial=0))):
+            for regression in regressions:
+                rows = regression.cross_variances(times, known, counts)
+                columns.append([np.repeat(row[:, None], 3 // len(regressions), 1) for row in rows])
+        return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
 
     def _pose(self, coordinates: Array) -> Array:
         """The pose with local coordinates (q, 6); (q, 4, 4)."""

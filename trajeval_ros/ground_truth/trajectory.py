@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
+from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lessons
 from trajeval_ros.ground_truth.models import MODELS
 from trajeval_ros.ground_truth.segment import Process, Samples
@@ -33,6 +34,7 @@ class Settings:
 
     ``kernel``: the name of a model; ``hyperparameters`` None: they are learned, and
     ``translation_std`` (m) and ``rotation_std`` (rad), the instrument's accuracy, add to the noise.
+    ``joint``: the answers tell the covariance of the errors at different times, too.
     """
 
     kernel: str
@@ -40,6 +42,7 @@ class Settings:
     translation_std: float
     rotation_std: float
     shape: SegmentShape
+    joint: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +52,16 @@ class Posterior:
     ``poses`` (q, 4, 4) T_world_body; ``covariances`` (q, 6, 6), body frame.
 
     ``sampled`` (q,): the samples around lie as close together as usual, so that there is no gap.
+
+    ``cross``, if it is asked for: for each pose i, (p, 6, 6), the covariances ``E[ξ_j ξ_iᵀ]`` with
+    the p poses j just before it, of earlier calls as well, oldest first; with all others it is
+    zero.
     """
 
     poses: Array
     covariances: Array
     sampled: Mask
+    cross: tuple[Array, ...] | None = None
 
 
 class GroundTruth:
@@ -73,6 +81,7 @@ class GroundTruth:
             self._use(settings.hyperparameters)
         self._stamps = np.empty(0, dtype=np.int64)
         self._begin: int | None = None
+        self._joint = JointCovariance() if settings.joint else None
 
     @property
     def begin(self) -> int | None:
@@ -124,28 +133,34 @@ class GroundTruth:
         """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,).
 
         ``stamps`` lie between the first and the last retained sample; ``until >= stamps``, and a
-        sample lies between the two. Raises :class:`ValueError` while the hyperparameters are not
-        known.
+        sample lies between the two. Where the joint covariance is asked for, both increase, from
+        call to call as well. Raises :class:`ValueError` while the hyperparameters are not known.
         """
         if not self._processes:
             raise ValueError("the hyperparameters are not known yet")
         poses, covariances = np.empty((len(stamps), 4, 4)), np.zeros((len(stamps), 6, 6))
         weights = np.zeros(len(stamps))
+        parts = []
         for blended in self._segmentation:
             share = blended.weight(stamps)
             asked = share > 0.0
             if not asked.any():
                 continue
             process = self._process(blended.index)
-            pose, covariance = blended.segment.posterior(process, stamps[asked], until[asked])
-            weights[asked] += share[asked]
-            ratio = share[asked] / weights[asked]
+            answer = blended.segment.posterior(process, stamps[asked], until[asked])
+            pose, part = answer.poses, share[asked]
+            weights[asked] += part
+            ratio = part / weights[asked]
             before = np.where((ratio < 1.0)[:, None, None], poses[asked], pose)
             poses[asked] = se3.interpolate(before, pose, ratio)
-            covariances[asked] += share[asked, None, None] * covariance
+            covariances[asked] += part[:, None, None] * answer.covariances
+            parts.append(Part(blended.index, blended.segment, process, asked, part, answer))
         if not np.allclose(weights, 1.0):
             raise ValueError("a query lies before the retained segments")
-        return Posterior(poses, covariances, self._sampled(stamps))
+        cross = None
+        if self._joint is not None and len(stamps):
+            cross = self._joint.extend(stamps, until, covariances, parts)
+        return Posterior(poses, covariances, self._sampled(stamps), cross)
 
     def _sampled(self, stamps: Stamps) -> Mask:
         """Which of ``stamps`` (q,) do not lie in a gap, by the samples up to the next one."""

@@ -20,8 +20,14 @@ from trajeval_ros.metrics.band import BandFactor, BandWhitener
 from trajeval_ros.metrics.gauge import SE3, Gauge, Similarity
 from trajeval_ros.metrics.gaussian import NOTHING, CovarianceError, GaussianLogLikelihood
 from trajeval_ros.metrics.information import Information
+from trajeval_ros.metrics.joint import FactorRows
 from trajeval_ros.metrics.observability import Observability, Spread, observability
-from trajeval_ros.metrics.relative import covariance_blocks
+from trajeval_ros.metrics.relative import (
+    block_bandwidth,
+    covariance_blocks,
+    joined_blocks,
+    own_covariance,
+)
 from trajeval_ros.metrics.search import (
     Ending,
     Problem,
@@ -63,7 +69,7 @@ class Absolute:
 
 def absolute(
     ground_truth: Array,
-    covariance: Array,
+    covariance: Array | FactorRows,
     estimate: Array,
     gauge: Gauge = SE3,
     start: Similarity | None = None,
@@ -81,10 +87,10 @@ def absolute(
         raise ValueError("there is no pose to align")
     if not (np.isfinite(ground_truth).all() and np.isfinite(estimate).all()):
         raise ValueError("a pose is not finite")
-    blocks = covariance_blocks(covariance, 0 if covariance.ndim == 3 else covariance.shape[1] - 1)
-    spread = Spread.none().absorb(ground_truth[:, :3, 3], blocks[:, 0])
+    blocks = covariance_blocks(covariance, block_bandwidth(covariance))
+    spread = Spread.none().absorb(ground_truth[:, :3, 3], own_covariance(blocks))
     centre = spread.mean
-    problem = Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, centre)
+    problem = Problem(ground_truth, estimate, _factor(blocks), gauge, centre)
     if start is None:
         start = start_alignment(problem)
     observed = observability(gauge, spread)
@@ -105,6 +111,10 @@ def absolute(
         ending,
         iterations,
     )
+
+
+def _factor(blocks: Array | FactorRows) -> BandFactor | FactorRows:
+    return blocks if isinstance(blocks, FactorRows) else BandFactor.of(blocks)
 
 
 def _alignment_covariance(
@@ -143,7 +153,10 @@ class RunningAbsolute:
     """
 
     def __init__(self, gauge: Gauge = SE3, bandwidth: int = 0) -> None:
-        """bandwidth: the block bandwidth of V; 0 where poses' errors are independent."""
+        """bandwidth: the block bandwidth of V; 0 where poses' errors are independent.
+
+        It does not matter where the rows of V's factor are given.
+        """
         self._gauge = gauge
         self._bandwidth = bandwidth
         self._whitener = BandWhitener(bandwidth, gauge.dimension + 1)
@@ -152,7 +165,7 @@ class RunningAbsolute:
         self._information = Information.none(gauge.dimension)
         self._spread = Spread.none()
         # Ground truth, covariance blocks and estimate of the first poses.
-        self._first: tuple[Array, Array, Array] | None = None
+        self._first: tuple[Array, Array | FactorRows, Array] | None = None
 
     @property
     def total(self) -> GaussianLogLikelihood | None:
@@ -195,7 +208,7 @@ class RunningAbsolute:
         std = log_scale_std(self._gauge, self._information)
         return observability(self._gauge, self._spread, std)
 
-    def update(self, ground_truth: Array, covariance: Array, estimate: Array) -> None:
+    def update(self, ground_truth: Array, covariance: Array | FactorRows, estimate: Array) -> None:
         """Take the next poses.
 
         Arguments as for `RunningRelative.update`, and errors; the state then stays as it was.
@@ -215,7 +228,7 @@ class RunningAbsolute:
                 raise CovarianceError(start + wrong.index) from None
             raise
 
-    def _take(self, ground_truth: Array, blocks: Array, estimate: Array) -> None:
+    def _take(self, ground_truth: Array, blocks: Array | FactorRows, estimate: Array) -> None:
         """Take poses up to where the anchor moves next, at the most."""
         anchor, centre = self._anchor, self._centre
         if anchor is None:
@@ -224,7 +237,7 @@ class RunningAbsolute:
         self._add(ground_truth, blocks, estimate, anchor, centre)
         self._anchor, self._centre = anchor, centre
         before = self._spread.count
-        self._spread = self._spread.absorb(ground_truth[:, :3, 3], blocks[:, 0])
+        self._spread = self._spread.absorb(ground_truth[:, :3, 3], own_covariance(blocks))
         if before < _POSES_PER_ANCHOR:
             new = (ground_truth, blocks, estimate)
             self._first = new if self._first is None else _joined(self._first, new)
@@ -239,7 +252,7 @@ class RunningAbsolute:
     def _add(
         self,
         ground_truth: Array,
-        blocks: Array,
+        blocks: Array | FactorRows,
         estimate: Array,
         anchor: Similarity,
         centre: Array,
@@ -264,13 +277,17 @@ class RunningAbsolute:
         return np.append(information.leading(information.dimension - 1).optimum(), 0.0)
 
     def _settle(
-        self, ground_truth: Array, blocks: Array, estimate: Array, anchor: Similarity
+        self,
+        ground_truth: Array,
+        blocks: Array | FactorRows,
+        estimate: Array,
+        anchor: Similarity,
     ) -> None:
         """Sum the first poses' residuals anew, at the best alignment for all of them."""
         gauge = self._gauge
         if not observability(gauge, self._spread).scale_observed:
             gauge = gauge.without_scale()
-        problem = Problem(ground_truth, estimate, BandFactor.of(blocks), gauge, self._spread.mean)
+        problem = Problem(ground_truth, estimate, _factor(blocks), gauge, self._spread.mean)
         best, _, _ = minimize(problem, start_alignment(problem, anchor))
         self._anchor, self._centre = best, ground_truth[-1, :3, 3].copy()
         self._whitener = BandWhitener(self._bandwidth, self._gauge.dimension + 1)
@@ -289,6 +306,12 @@ class RunningAbsolute:
         self._centre = centre
 
 
-def _joined(first: tuple[Array, ...], second: tuple[Array, ...]) -> tuple[Array, Array, Array]:
-    a, b, c = (np.concatenate(pair) for pair in zip(first, second, strict=True))
-    return a, b, c
+_Poses = tuple[Array, Array | FactorRows, Array]
+
+
+def _joined(first: _Poses, second: _Poses) -> _Poses:
+    return (
+        np.concatenate([first[0], second[0]]),
+        joined_blocks(first[1], second[1]),
+        np.concatenate([first[2], second[2]]),
+    )

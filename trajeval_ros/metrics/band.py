@@ -19,6 +19,7 @@ import numpy.typing as npt
 from scipy.linalg import lapack
 
 from trajeval_ros.metrics.gaussian import CovarianceError
+from trajeval_ros.metrics.joint import FactorRows
 
 Array = npt.NDArray[np.float64]
 
@@ -138,11 +139,11 @@ class BandWhitener:
         self._factor = np.zeros((0, 0))
         self._white = np.zeros((0, columns))
 
-    def update(self, blocks: Array, columns: Array) -> tuple[Array, Array]:
+    def update(self, blocks: Array | FactorRows, columns: Array) -> tuple[Array, Array]:
         """Whiten the next block rows.
 
         blocks: (n, bandwidth + 1, 6, 6); [i, k] is the covariance of row i and the row k before,
-        which is of an earlier batch where k > i.
+        which is of an earlier batch where k > i. Or, all through, the factor's rows themselves.
         columns: X, (n, 6, c).
 
         Returns ``L^-1 X``, (n, 6, c), and each block row's share of the log-determinant, (n,).
@@ -150,9 +151,14 @@ class BandWhitener:
         Raises CovarianceError, and leaves the state as it was, where the covariance is not
         positive definite or not finite.
         """
-        n = blocks.shape[0]
+        n = len(blocks)
         if n == 0:
             return np.zeros(columns.shape), np.zeros(0)
+        if isinstance(blocks, FactorRows):
+            whitened = blocks.whiten_after(self._white, columns)
+            white = np.concatenate([self._white, whitened])
+            self._white = white[max(len(white) - blocks.kept * BLOCK, 0) :]
+            return whitened.reshape(columns.shape), blocks.log_dets
         rhs = columns.reshape(n * BLOCK, -1)
         band = lower_band(blocks)
         before = self._factor.shape[0] // BLOCK

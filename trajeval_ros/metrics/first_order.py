@@ -18,7 +18,8 @@ from trajeval_ros import se3
 from trajeval_ros.metrics.band import BandWhitener
 from trajeval_ros.metrics.gaussian import NOTHING, CovarianceError, GaussianLogLikelihood
 from trajeval_ros.metrics.information import Information
-from trajeval_ros.metrics.relative import covariance_blocks, relative_error
+from trajeval_ros.metrics.joint import FactorRows
+from trajeval_ros.metrics.relative import block_bandwidth, covariance_blocks, relative_error
 
 Array = npt.NDArray[np.float64]
 
@@ -35,7 +36,10 @@ class FirstOrderAbsolute:
     """
 
     def __init__(self, bandwidth: int = 0) -> None:
-        """bandwidth: the block bandwidth of V; 0 where poses' errors are independent."""
+        """bandwidth: the block bandwidth of V; 0 where poses' errors are independent.
+
+        It does not matter where the rows of V's factor are given.
+        """
         self._bandwidth = bandwidth
         self._whitener = BandWhitener(bandwidth, 7)
         self._ground_truth = np.zeros((0, 4, 4))
@@ -48,7 +52,7 @@ class FirstOrderAbsolute:
         """The log-likelihood so far, with six degrees of freedom less than there are errors."""
         return self._information.integral() if self._information.count else NOTHING
 
-    def update(self, ground_truth: Array, covariance: Array, estimate: Array) -> None:
+    def update(self, ground_truth: Array, covariance: Array | FactorRows, estimate: Array) -> None:
         """Take the next poses.
 
         Arguments as for `RunningRelative.update`, and errors; the state then stays as it was.
@@ -66,7 +70,7 @@ class FirstOrderAbsolute:
                 raise CovarianceError(start + wrong.index) from None
             raise
 
-    def _take(self, ground_truth: Array, blocks: Array, estimate: Array) -> None:
+    def _take(self, ground_truth: Array, blocks: Array | FactorRows, estimate: Array) -> None:
         n = len(ground_truth)
         poses = np.concatenate([self._ground_truth, ground_truth])
         estimates = np.concatenate([self._estimate, estimate])
@@ -91,12 +95,12 @@ class FirstOrderAbsolute:
 
 
 def absolute_first_order(
-    ground_truth: Array, covariance: Array, estimate: Array
+    ground_truth: Array, covariance: Array | FactorRows, estimate: Array
 ) -> GaussianLogLikelihood:
     """The first-order absolute likelihood of a whole window.
 
     ground_truth, estimate: (M, 4, 4). covariance: as in `covariance_blocks`.
     """
-    running = FirstOrderAbsolute(0 if covariance.ndim == 3 else covariance.shape[1] - 1)
+    running = FirstOrderAbsolute(block_bandwidth(covariance))
     running.update(ground_truth, covariance, estimate)
     return running.total

@@ -13,6 +13,7 @@ from scipy.linalg import lapack
 
 from trajeval_ros.metrics.band import BandWhitener
 from trajeval_ros.metrics.gaussian import CovarianceError
+from trajeval_ros.metrics.joint import FactorRows
 
 Array = npt.NDArray[np.float64]
 
@@ -67,8 +68,12 @@ class IndependentRecursion:
         self._mean = np.zeros(6)
         self._spread: Array | None = None
 
-    def update(self, error: Array, adjoint: Array, blocks: Array) -> tuple[Array, Array]:
+    def update(
+        self, error: Array, adjoint: Array, blocks: Array | FactorRows
+    ) -> tuple[Array, Array]:
         """Each step's chi2 and log-determinant. blocks: from the pose before the steps on."""
+        if isinstance(blocks, FactorRows):
+            raise TypeError("the rows of a factor are those of a joint covariance")
         sigma = blocks[:, 0]
         if self._spread is None:
             _check(sigma[0], -1)
@@ -127,7 +132,9 @@ class JointRecursion:
         self._mean = np.zeros(6)
         self._spread_root: Array | None = None
 
-    def update(self, error: Array, adjoint: Array, blocks: Array) -> tuple[Array, Array]:
+    def update(
+        self, error: Array, adjoint: Array, blocks: Array | FactorRows
+    ) -> tuple[Array, Array]:
         """Each step's chi2 and log-determinant. blocks: from the pose before the steps on."""
         before = self._whitener.copy(), self._mean, self._spread_root
         chi2, log_det = np.empty(len(error)), np.empty(len(error))
@@ -147,7 +154,7 @@ class JointRecursion:
             raise
         return chi2, log_det
 
-    def _begin(self, blocks: Array) -> None:
+    def _begin(self, blocks: Array | FactorRows) -> None:
         """The first pose: its error alone is what tells of the gauge."""
         try:
             white, _ = self._whitener.update(blocks, np.eye(6, 7)[None])
@@ -155,7 +162,9 @@ class JointRecursion:
             raise CovarianceError(-1) from None
         self._spread_root = np.asarray(np.linalg.inv(white[0, :, :6]), dtype=np.float64)
 
-    def _take(self, error: Array, adjoint: Array, blocks: Array) -> tuple[Array, Array]:
+    def _take(
+        self, error: Array, adjoint: Array, blocks: Array | FactorRows
+    ) -> tuple[Array, Array]:
         columns = np.empty((len(error), 6, 7))
         last = np.eye(6, 7)
         # A product of all the adjoints so far: inherently sequential.

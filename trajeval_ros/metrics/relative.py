@@ -25,6 +25,7 @@ from trajeval_ros.metrics.gaussian import (
     GaussianLogLikelihood,
 )
 from trajeval_ros.metrics.innovations import IndependentRecursion, JointRecursion
+from trajeval_ros.metrics.joint import FactorRows
 
 Array = npt.NDArray[np.float64]
 
@@ -43,13 +44,20 @@ def relative_error(ground_truth: Array, estimate: Array) -> tuple[Array, Array]:
     return se3.log(error), se3.adjoint(backwards)
 
 
-def covariance_blocks(covariance: Array, bandwidth: int) -> Array:
+def covariance_blocks(covariance: Array | FactorRows, bandwidth: int) -> Array | FactorRows:
     """A covariance's block rows, filled up with zeros to a bandwidth.
 
     covariance: (M, 6, 6), poses independent of each other; or (M, p + 1, 6, 6), [i, k] being the
-    covariance of pose i with pose i - k.
+    covariance of pose i with pose i - k; or the rows of its factor, which are returned as they are.
     Returns (M, bandwidth + 1, 6, 6). Raises ValueError where ``p > bandwidth``.
     """
+    if isinstance(covariance, FactorRows):
+        return covariance
+    return padded_blocks(covariance, bandwidth)
+
+
+def padded_blocks(covariance: Array, bandwidth: int) -> Array:
+    """Block rows (M, bandwidth + 1, 6, 6), as `covariance_blocks`."""
     blocks = covariance[:, None] if covariance.ndim == 3 else covariance
     missing = bandwidth + 1 - blocks.shape[1]
     if missing < 0:
@@ -112,6 +120,26 @@ class RelativeSteps:
         )
 
 
+def block_bandwidth(covariance: Array | FactorRows) -> int:
+    """The p of `covariance_blocks`; 0 for the rows of a factor, which know theirs."""
+    if isinstance(covariance, FactorRows) or covariance.ndim == 3:
+        return 0
+    return covariance.shape[1] - 1
+
+
+def joined_blocks(first: Array | FactorRows, second: Array | FactorRows) -> Array | FactorRows:
+    """Consecutive block rows of one covariance, or of its factor, as one."""
+    if isinstance(second, FactorRows):
+        return first + second if isinstance(first, FactorRows) else second
+    assert not isinstance(first, FactorRows)
+    return np.concatenate([first, second])
+
+
+def own_covariance(blocks: Array | FactorRows) -> Array:
+    """Each pose's own covariance, (M, 6, 6)."""
+    return blocks.own if isinstance(blocks, FactorRows) else blocks[:, 0]
+
+
 class RunningRelative:
     """The relative error over a trajectory that arrives batch by batch.
 
@@ -119,13 +147,18 @@ class RunningRelative:
     However a trajectory is cut into batches, the numbers are the same but for round-off.
     """
 
-    def __init__(self, bandwidth: int = 0) -> None:
-        """bandwidth: the block bandwidth of V; 0 where poses' errors are independent."""
-        self._bandwidth = bandwidth
-        self._recursion = JointRecursion(bandwidth) if bandwidth else IndependentRecursion()
+    def __init__(self, bandwidth: int | None = 0) -> None:
+        """bandwidth: the block bandwidth of V; 0 where poses' errors are independent.
+
+        None: it is not known, and the rows of V's factor are given.
+        """
+        self._bandwidth = bandwidth or 0
+        self._recursion = (
+            IndependentRecursion() if bandwidth == 0 else JointRecursion(self._bandwidth)
+        )
         self._ground_truth = np.zeros((0, 4, 4))
         self._estimate = np.zeros((0, 4, 4))
-        self._blocks = np.zeros((0, bandwidth + 1, 6, 6))
+        self._blocks: Array | FactorRows = np.zeros((0, self._bandwidth + 1, 6, 6))
         self._total = NOTHING
 
     @property
@@ -133,7 +166,9 @@ class RunningRelative:
         """The log-likelihood of all the steps so far."""
         return self._total
 
-    def update(self, ground_truth: Array, covariance: Array, estimate: Array) -> RelativeSteps:
+    def update(
+        self, ground_truth: Array, covariance: Array | FactorRows, estimate: Array
+    ) -> RelativeSteps:
         """Take the next poses, and return the steps that end at them.
 
         ground_truth, estimate: (n, 4, 4), each in a world of its own.
@@ -148,7 +183,7 @@ class RunningRelative:
         first = 1 - len(self._ground_truth)
         poses = np.concatenate([self._ground_truth, ground_truth])
         estimates = np.concatenate([self._estimate, estimate])
-        blocks = np.concatenate([self._blocks, covariance_blocks(covariance, self._bandwidth)])
+        blocks = joined_blocks(self._blocks, covariance_blocks(covariance, self._bandwidth))
         error, adjoint = relative_error(poses, estimates)
         if not np.isfinite(error).all():
             raise ValueError("a pose is not finite")
@@ -158,7 +193,7 @@ class RunningRelative:
             raise CovarianceError(wrong.index + first) from None
         steps = RelativeSteps(error, adjoint, chi2, log_det)
         self._ground_truth, self._estimate = poses[-1:].copy(), estimates[-1:].copy()
-        self._blocks = blocks[-1:].copy()
+        self._blocks = blocks[-1:] if isinstance(blocks, FactorRows) else blocks[-1:].copy()
         self._total += steps.total
         return steps
 
@@ -179,8 +214,8 @@ def steps_likelihood(error: Array, adjoint: Array, covariance: Array) -> Gaussia
     """
     if len(error) == 0:
         return NOTHING
-    bandwidth = 0 if covariance.ndim == 3 else covariance.shape[1] - 1
-    blocks = covariance_blocks(covariance, bandwidth)
+    bandwidth = block_bandwidth(covariance)
+    blocks = padded_blocks(covariance, bandwidth)
     band = empty_band(len(error), bandwidth + 1)
     adjoints = np.concatenate([np.zeros((bandwidth + 1, 6, 6)), adjoint])
     # Piece by piece, so that what is passed on stays in the processor's cache.
@@ -203,12 +238,16 @@ def steps_likelihood(error: Array, adjoint: Array, covariance: Array) -> Gaussia
     return GaussianLogLikelihood(chi2, factor.log_det, 6 * len(error))
 
 
-def relative(ground_truth: Array, covariance: Array, estimate: Array) -> GaussianLogLikelihood:
+def relative(
+    ground_truth: Array, covariance: Array | FactorRows, estimate: Array
+) -> GaussianLogLikelihood:
     """The relative likelihood of a whole window.
 
     ground_truth, estimate: (M, 4, 4). covariance: as in `covariance_blocks`.
     Raises as `RunningRelative.update`.
     """
+    if isinstance(covariance, FactorRows):
+        return RunningRelative(None).update(ground_truth, covariance, estimate).total
     error, adjoint = relative_error(ground_truth, estimate)
     if not np.isfinite(error).all():
         raise ValueError("a pose is not finite")

@@ -15,6 +15,7 @@ from trajeval_ros import se3
 from trajeval_ros.metrics.band import BandFactor
 from trajeval_ros.metrics.gauge import Gauge, Similarity
 from trajeval_ros.metrics.information import Information
+from trajeval_ros.metrics.joint import FactorRows
 from trajeval_ros.metrics.umeyama import align_positions
 
 Array = npt.NDArray[np.float64]
@@ -76,7 +77,7 @@ class Problem:
 
     ground_truth: Array
     estimate: Array
-    factor: BandFactor
+    factor: BandFactor | FactorRows
     gauge: Gauge
     centre: Array
 

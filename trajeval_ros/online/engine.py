@@ -40,6 +40,7 @@ from trajeval_ros.online.results import (
 )
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.summary import summarize, window_figures
+from trajeval_ros.online.window import EvaluatedPoses
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -165,17 +166,16 @@ class Engine:
             self._append_ground_truth(self._samples.confirm(certain))
             self._append_estimates(self._estimates.confirm(certain))
             self._give_up(now)
-        evaluations = self._evaluate(self._answerable(now))
+        results = self._evaluate(self._answerable(now))
         self._forget()
-        return self._results(evaluations)
+        return self._results(*results)
 
     def finish(self) -> Results:
         """No more data will come: evaluate or reject all that is pending."""
         self._append_ground_truth(self._samples.conclude())
         self._append_estimates(self._estimates.conclude())
         self._ground_truth.conclude()
-        evaluations = self._evaluate(len(self._pending))
-        return self._results(evaluations)
+        return self._results(*self._evaluate(len(self._pending)))
 
     def _answerable(self, now: int | None) -> int:
         """Number of pending estimates that can be decided, the oldest ones.
@@ -191,25 +191,25 @@ class Engine:
             latest = max(latest, now - self._patience - self._nanoseconds("max_wait") - 1)
         return int(np.searchsorted(self._pending.stamps, latest, side="right"))
 
-    def _evaluate(self, count: int) -> Evaluations:
+    def _evaluate(self, count: int) -> tuple[Evaluations, tuple[Array, ...]]:
         """Decide the ``count`` oldest pending estimates."""
         if not count:
-            return NO_EVALUATIONS
+            return NO_EVALUATIONS, ()
         index = np.arange(len(self._pending)) < count
         chosen, self._pending = self._pending.where(index), self._pending.where(~index)
         good = self._judge(chosen.stamps)
         chosen = chosen.where(good)
         if not len(chosen):
-            return NO_EVALUATIONS
+            return NO_EVALUATIONS, ()
         posterior = self._ground_truth.posterior(chosen.stamps, self._until(chosen.stamps))
         covariance = posterior.covariances
         if chosen.covariances is not None:
             # To first order the two errors add up: the two body frames differ by the error itself.
             covariance = covariance + chosen.covariances
         offset = self._nanoseconds("estimate.time_offset")
-        return self._evaluation.add(
-            chosen.stamps, offset, posterior.poses, covariance, chosen.poses, posterior.sampled
-        )
+        cross = posterior.cross
+        poses = EvaluatedPoses(chosen.stamps, posterior.poses, covariance, chosen.poses, cross)
+        return self._evaluation.add(poses, offset, posterior.sampled), cross or ()
 
     def _until(self, stamps: Stamps) -> Stamps:
         """Stamp of the last sample that answers each of ``stamps`` (n,).
@@ -286,12 +286,13 @@ class Engine:
             waiting = min(waiting, held + self._nanoseconds("estimate.time_offset"))
         self._ground_truth.forget(max(oldest, waiting))
 
-    def _results(self, evaluations: Evaluations) -> Results:
+    def _results(self, evaluations: Evaluations, cross: tuple[Array, ...]) -> Results:
         return Results(
             evaluations,
             tuple(self._notices()),
             self._evaluation.absolute_log_likelihood,
             self._evaluation.alignment,
+            cross,
         )
 
     def _notices(self) -> list[Notice]:
@@ -390,6 +391,7 @@ def _settings(values: Mapping[str, Value]) -> Settings:
             int(number("segment.min_samples")),
             int(number("segment.max_samples")),
         ),
+        joint=values["likelihood.covariance"] == "joint",
     )
 
 

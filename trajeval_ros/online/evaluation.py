@@ -14,6 +14,7 @@ from trajeval_ros.metrics.conventional import RunningConventional
 from trajeval_ros.metrics.first_order import FirstOrderAbsolute
 from trajeval_ros.metrics.gauge import GAUGES, SE3, Gauge, Similarity
 from trajeval_ros.metrics.gaussian import GaussianLogLikelihood
+from trajeval_ros.metrics.joint import FactorRows, JointFactor
 from trajeval_ros.metrics.observability import Observability
 from trajeval_ros.metrics.relative import RunningRelative
 from trajeval_ros.online.parameters import Value
@@ -22,7 +23,6 @@ from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.window import EvaluatedPoses, SlidingWindow
 
 Array = npt.NDArray[np.float64]
-Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 _ENOUGH_TO_STRAIN = 100
@@ -39,7 +39,9 @@ class Evaluation:
         assert isinstance(duration, float)
         assert isinstance(delta, float)
         self._window = SlidingWindow(round(duration * 1e9))
-        self._relative = RunningRelative()
+        # Factored once for all three.
+        self._factor = JointFactor() if values["likelihood.covariance"] == "joint" else None
+        self._relative = RunningRelative(0 if self._factor is None else None)
         self._first_order = FirstOrderAbsolute()
         self._absolute = RunningAbsolute(self.gauge)
         self._conventional = RunningConventional(
@@ -58,28 +60,25 @@ class Evaluation:
     def window_duration(self, duration: int) -> None:
         self._window.duration = duration
 
-    def add(
-        self,
-        stamps: Stamps,
-        offset: int,
-        ground_truth: Array,
-        covariance: Array,
-        estimate: Array,
-        sampled: Mask,
-    ) -> Evaluations:
+    def add(self, poses: EvaluatedPoses, offset: int, sampled: Mask) -> Evaluations:
         """Take the next poses and return their evaluations.
 
-        ``stamps`` (M,) ns on the ground truth's clock, ``offset`` (ns) that of the estimate's clock
-        from it; ``sampled`` (M,) where the ground truth was sampled as usual: only there the
-        conventional figures, which know no uncertainty, take it for the truth.
+        ``offset`` (ns): that of the estimate's clock from the ground truth's; ``sampled`` (M,)
+        where the ground truth was sampled as usual: only there the conventional figures, which know
+        no uncertainty, take it for the truth.
         """
         first = self.count == 0
+        stamps, ground_truth, estimate = poses.stamps, poses.ground_truth, poses.estimate
+        covariance: Array | FactorRows = poses.covariance
+        if self._factor is not None:
+            assert poses.cross is not None
+            covariance = self._factor.update(poses.covariance, poses.cross)
         before = self._relative.total.log_likelihood
         steps = self._relative.update(ground_truth, covariance, estimate)
         self._first_order.update(ground_truth, covariance, estimate)
         self._absolute.update(ground_truth, covariance, estimate)
         self._conventional.update(stamps[sampled], ground_truth[sampled], estimate[sampled])
-        self._window.append(EvaluatedPoses(stamps, ground_truth, covariance, estimate))
+        self._window.append(poses)
         self._steps.update(steps.error)
         self._residuals.update(ground_truth, estimate)
         self.count += len(stamps)
@@ -89,7 +88,7 @@ class Evaluation:
         return Evaluations(
             stamps - offset,
             ground_truth,
-            covariance,
+            poses.covariance,
             estimate,
             _padded(steps.error, first, np.nan),
             absolute_residual(ground_truth, alignment.apply(estimate)),

@@ -75,13 +75,16 @@ class Results:
     """What one call brought about.
 
     ``absolute_log_likelihood`` (nats) and ``alignment`` (the estimate's world in the ground
-    truth's) are those of all poses so far, None before the first.
+    truth's) are those of all poses so far, None before the first. ``cross``, with
+    ``likelihood.covariance: joint`` alone: what belongs to ``evaluations.covariance``, as in
+    :class:`~trajeval_ros.online.window.EvaluatedPoses`.
     """
 
     evaluations: Evaluations
     notices: tuple[Notice, ...]
     absolute_log_likelihood: float | None
     alignment: Similarity | None
+    cross: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

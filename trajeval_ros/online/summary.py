@@ -22,7 +22,7 @@ from trajeval_ros.metrics.relative import relative
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Health
-from trajeval_ros.online.window import EvaluatedPoses
+from trajeval_ros.online.window import EvaluatedPoses, joint_covariance
 
 Array = npt.NDArray[np.float64]
 Figures = dict[str, object]
@@ -160,7 +160,7 @@ def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
             "relative": {**_likelihood(None, count), "p_value": None},
             "absolute": {**_likelihood(None, count), **dict.fromkeys(missing)},
         }
-    data = (poses.ground_truth, poses.covariance, poses.estimate)
+    data = (poses.ground_truth, poses.joint_covariance, poses.estimate)
     step = relative(*data)
     best = absolute(*data, gauge)
     return {
@@ -175,7 +175,7 @@ def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
             "p_value": figures(best.likelihood, count).p_value if best.likelihood else None,
             "log_likelihood_first_order": absolute_first_order(*data).log_likelihood,
             "log_likelihood_nonlinear": _value(best.likelihood),
-            **_noise_equivalent(data, gauge, best),
+            **_noise_equivalent(poses, gauge, best),
             "ending": str(best.ending),
             "observability": _observability(best.observability),
         },
@@ -186,13 +186,15 @@ def _value(likelihood: GaussianLogLikelihood | None) -> float | None:
     return None if likelihood is None else likelihood.log_likelihood
 
 
-def _noise_equivalent(data: tuple[Array, Array, Array], gauge: Gauge, best: Absolute) -> Figures:
+def _noise_equivalent(poses: EvaluatedPoses, gauge: Gauge, best: Absolute) -> Figures:
     """The white noise, m and rad, that explains the window's errors."""
     names = ("noise_equivalent_translation_std", "noise_equivalent_rotation_std")
     held = gauge if best.observability.scale_observed else gauge.without_scale()
-    if 6 * len(data[0]) < held.dimension + 2:
+    if 6 * len(poses) < held.dimension + 2:
         return dict.fromkeys(names)
-    found = noise_equivalent_error(*data, held, best.alignment)
+    found = noise_equivalent_error(
+        poses.ground_truth, poses.covariance, poses.estimate, held, best.alignment
+    )
     return dict(zip(names, (found.translation_std, found.rotation_std), strict=True))
 
 
@@ -211,16 +213,22 @@ def _conventional(evaluation: Evaluation, values: Mapping[str, Value]) -> Figure
 
 
 def whole_run(
-    summary: Figures, ground_truth: Array, covariance: Array, estimate: Array, gauge: Gauge
+    summary: Figures,
+    ground_truth: Array,
+    covariance: Array,
+    estimate: Array,
+    gauge: Gauge,
+    cross: tuple[Array, ...] = (),
 ) -> Figures:
     """Return the summary with ``absolute.log_likelihood_nonlinear`` over all poses of a run.
 
     ``ground_truth`` and ``estimate`` (M, 4, 4), ``covariance`` (M, 6, 6): what the run's
-    evaluations held.
+    evaluations held; ``cross``: what its results held.
     """
     run = summary["absolute"]
     assert isinstance(run, dict)
     nonlinear = None
     if len(ground_truth) > 1:
-        nonlinear = _value(absolute(ground_truth, covariance, estimate, gauge).likelihood)
+        joint = joint_covariance(covariance, cross or None)
+        nonlinear = _value(absolute(ground_truth, joint, estimate, gauge).likelihood)
     return {**summary, "absolute": {**run, "log_likelihood_nonlinear": nonlinear}}

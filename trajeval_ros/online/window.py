@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
+from trajeval_ros.metrics.joint import FactorRows, JointFactor
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -19,16 +22,36 @@ class EvaluatedPoses:
 
     ``stamps`` (M,) ns on the ground truth's clock; ``ground_truth`` (M, 4, 4) with ``covariance``
     (M, 6, 6), body frame, right perturbation; ``estimate`` (M, 4, 4) in its own world.
+    ``cross``, where the ground truth's errors are not taken as independent of each other: for each
+    pose, (p, 6, 6), their covariances ``E[ξ_j ξ_iᵀ]`` with the p poses j just before it, oldest
+    first.
     """
 
     stamps: Stamps
     ground_truth: Array
     covariance: Array
     estimate: Array
+    cross: tuple[Array, ...] | None = None
+
+    @property
+    def joint_covariance(self) -> Array | FactorRows:
+        """The covariance of all poses, as `trajeval_ros.metrics` takes it."""
+        return joint_covariance(self.covariance, self.cross)
 
     def __len__(self) -> int:
         """Number of poses."""
         return len(self.stamps)
+
+
+def joint_covariance(covariance: Array, cross: tuple[Array, ...] | None) -> Array | FactorRows:
+    """``covariance`` (M, 6, 6) itself, or the factor with ``cross`` of :class:`EvaluatedPoses`.
+
+    What ``cross`` says of poses before the first is left out.
+    """
+    if cross is None:
+        return covariance
+    inside = [blocks[max(len(blocks) - i, 0) :] for i, blocks in enumerate(cross)]
+    return JointFactor().update(covariance, inside)
 
 
 class SlidingWindow:
@@ -40,6 +63,7 @@ class SlidingWindow:
         self._stamps = np.empty(0, dtype=np.int64)
         self._rows = np.empty((0, 68))
         self._begin = self._end = 0
+        self._cross: deque[Array] = deque()  # of the live rows, if the covariance is joint
 
     def append(self, poses: EvaluatedPoses) -> None:
         """Add later poses and drop those that have become too old."""
@@ -57,6 +81,10 @@ class SlidingWindow:
         oldest = self._stamps[self._end - 1] - self.duration
         live = self._stamps[self._begin : self._end]
         self._begin += int(np.searchsorted(live, oldest))
+        if poses.cross is not None:
+            self._cross.extend(poses.cross)
+            while len(self._cross) > self._end - self._begin:
+                self._cross.popleft()
 
     def _make_room(self, count: int) -> None:
         """Move the live rows to the front of a buffer at least twice as long as they are."""
@@ -76,4 +104,5 @@ class SlidingWindow:
             rows[:, :16].reshape(count, 4, 4),
             rows[:, 16:52].reshape(count, 6, 6),
             rows[:, 52:].reshape(count, 4, 4),
+            tuple(self._cross) if self._cross else None,
         )
