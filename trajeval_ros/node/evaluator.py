@@ -8,8 +8,7 @@ import time
 
 import numpy as np
 import numpy.typing as npt
-from rclpy.clock import Clock, ROSClock
-from rclpy.clock_type import ClockType
+from rclpy.clock import ROSClock
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -20,6 +19,7 @@ from trajeval_ros.node.figures import STATUSES, flatten
 from trajeval_ros.node.inputs import Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
+from trajeval_ros.node.schedule import Schedule
 from trajeval_ros.node.session import Session
 from trajeval_ros.node.visualization import Visualization
 from trajeval_ros.online.results import Notice, Results
@@ -78,15 +78,21 @@ class Evaluator(Node):
         self._next_batch = self._next_window = 0.0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
-        # Not the ROS clock: that may stand still, or not be there yet.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_BATCH_PERIOD, self._on_batch, clock=steady)
-        self.create_timer(_DISCOVERY_PERIOD, self._on_discovery, clock=steady)
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
-        self.create_timer(_PATH_PERIOD, self._visualization.publish_paths, clock=steady)
-        self.create_timer(_MARKER_PERIOD, self._visualization.publish_markers, clock=steady)
+        self._schedule = Schedule(
+            (
+                (_BATCH_PERIOD, self._on_batch),
+                (_DISCOVERY_PERIOD, self._on_discovery),
+                (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
+                (_PATH_PERIOD, self._visualization.publish_paths),
+                (_MARKER_PERIOD, self._visualization.publish_markers),
+            )
+        )
         if self._session.error is not None:
             self.get_logger().error(self._session.error)
+
+    def work(self) -> float:
+        """Do what is due, and return for how long there is nothing to do (s)."""
+        return self._schedule.run()
 
     def close(self) -> bool:
         """Evaluate what is left, write the output folder; say whether that could be done."""
@@ -103,7 +109,7 @@ class Evaluator(Node):
         self._save()
         self._session.close()
 
-    # ------------------------------------------------------------------------- timers, services
+    # -------------------------------------------------------------- periodic work, services
 
     def _on_batch(self) -> None:
         begin = time.monotonic()

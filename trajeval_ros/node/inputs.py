@@ -4,7 +4,7 @@
 
 The messages are not delivered by callbacks. A callback a message costs an executor 100 µs and more;
 taking a serialised message from the middleware costs 4 µs. So the subscriptions belong to a
-callback group that never executes, the middleware's queue is the queue, and the node's timer
+callback group that never executes, the middleware's queue is the queue, and the node
 empties it.
 """
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Sequence
 
 import rclpy
@@ -15,9 +16,6 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 from trajeval_ros.node.evaluator import Evaluator
 from trajeval_ros.node.main import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail
 from trajeval_ros.online.parameters import ParameterError
-
-# A signal is seen at the latest after this, s.
-_ATTENTION = 0.1
 
 
 def run(arguments: Sequence[str], stop: Stop) -> int:
@@ -44,7 +42,9 @@ def _run(others: Sequence[str], stop: Stop) -> int:
     executor.add_node(node)
     try:
         while not stop.requested:
-            executor.spin_once(timeout_sec=_ATTENTION)
+            # One callback a turn: a service, a parameter, or the newest /clock.
+            executor.spin_once(timeout_sec=0.0)
+            time.sleep(node.work())
     except Exception:
         # A defect, and it is shown; what has been evaluated until then is written all the same.
         node.rescue()
