@@ -55,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"\n{name}: {NAMES[name]}\n", flush=True)
         try:
             for table in importlib.import_module(f"benchmarks.{name}").run():
-                print(table.text() + "\n", flush=True)
+                if isinstance(table, tables.Table):
+                    print(table.text() + "\n", flush=True)
                 if not arguments.no_docs:
                     tables.write(table)
         except tables.SkippedError as reason:

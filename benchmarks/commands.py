@@ -55,7 +55,7 @@ def evo(command: str) -> str:
     return str(path)
 
 
-def pair_targets(sequence: str, estimate: str, rounds: int = 7) -> Iterator[Target]:
+def pair_targets(sequence: str, estimate: str, rounds: int = 4) -> Iterator[Target]:
     """Time the commands in turn."""
     files = [str(DATA / sequence / f"{name}.txt") for name in ("groundtruth", estimate)]
     ours = [[sys.executable, "-m", "trajeval_ros.commands.evaluate", "tum", *files]]

@@ -392,24 +392,23 @@ class Live:
         """Start without samples."""
         self.ground_truth = GroundTruth(settings())
         self._rate = rate
-        self._batch = rate // 50
         self.taken = 0
 
-    def second(self, asked: int) -> None:
+    def second(self, asked: int, batches: int = 50) -> None:
         """Take a second of samples, and answer ``asked`` queries as old as the lag."""
         samples = simulated(self.taken, self._rate, self._rate)
         self.taken += self._rate
-        self.append(samples)
+        self.append(samples, self._rate // batches)
         now = int(samples.stamps[-1])
         if self.ground_truth.hyperparameters is not None:
             stamps = now - LAG - np.arange(asked)[::-1] * SECOND // 200
             self.ground_truth.posterior(stamps, np.minimum(stamps + LAG, now))
             self.ground_truth.forget(now - LAG - SECOND)
 
-    def append(self, samples: Samples) -> None:
+    def append(self, samples: Samples, batch: int) -> None:
         """Take samples in batches."""
-        for start in range(0, len(samples), self._batch):
-            self.ground_truth.append(samples[start : start + self._batch])
+        for start in range(0, len(samples), batch):
+            self.ground_truth.append(samples[start : start + batch])
 
 
 def resident() -> int:
@@ -422,15 +421,15 @@ def resident() -> int:
 def hour_targets(rate: int = 1000, seconds: int = 3600, rounds: int = 40) -> Iterator[Target]:
     """Let ``seconds`` pass; compare the cost and the memory with those after a minute.
 
-    While they pass, a query is answered every ten seconds only.
+    While they pass, batches are of 100 ms, and a query is answered every ten seconds only.
     """
     minute = min(60, seconds // 2)
     young, old = Live(rate), Live(rate)
     for passed in range(minute):
-        young.second(int(passed % 10 == 9))
+        young.second(int(passed % 10 == 9), 10)
     states, residents = [], []
     for passed in range(seconds):
-        old.second(int(passed % 10 == 9))
+        old.second(int(passed % 10 == 9), 10)
         if passed % minute == minute - 1:
             states.append(len(pickle.dumps(old.ground_truth)))
             residents.append(resident())

@@ -16,7 +16,6 @@ from benchmarks.tables import Table, Target, at_most, targets
 from trajeval_ros import se3
 from trajeval_ros.metrics.band import lower_band
 from trajeval_ros.metrics.relative import (
-    covariance_blocks,
     relative,
     relative_error,
     step_covariance,
@@ -24,6 +23,7 @@ from trajeval_ros.metrics.relative import (
 )
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.parameters import complete
+from trajeval_ros.online.window import EvaluatedPoses
 
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def window_targets(count: int = 1000, rounds: int = 60) -> Iterator[Target]:
     truth, covariance, estimate = poses(0, count)
     error, adjoint = relative_error(truth, estimate)
     adjoints = np.concatenate([np.zeros((1, 6, 6)), adjoint])
-    band = lower_band(step_covariance(adjoints, covariance_blocks(covariance, 0)))
+    band = lower_band(step_covariance(adjoints, covariance[:, None]))
     right = error.reshape(-1)
 
     def bare() -> tuple[float, float]:
@@ -97,7 +97,7 @@ class Run:
         stamps = np.arange(self.taken, self.taken + len(truth)) * (1_000_000_000 // _RATE)
         self.taken += len(truth)
         sampled = np.ones(len(truth), dtype=np.bool_)
-        self.evaluation.add(stamps, 0, truth, covariance, estimate, sampled)
+        self.evaluation.add(EvaluatedPoses(stamps, truth, covariance, estimate, None), 0, sampled)
 
 
 def length_targets(few: int = 1000, many: int = 1_000_000, rounds: int = 200) -> Iterator[Target]:

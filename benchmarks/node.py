@@ -16,7 +16,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,12 +37,15 @@ _RATE, _EVERY = 1000, 5
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """What a process has made of the traffic: processor time (s), and what of it arrived."""
+    """What a process has made of the traffic: processor time (s), and what of it arrived.
+
+    ``rejected``: estimates that were not evaluated, by reason.
+    """
 
     processor: float
     ground_truth: int
     estimates: int
-    evaluated: int
+    rejected: Mapping[str, int]
 
 
 class Child:
@@ -124,7 +128,7 @@ def bare(seconds: int, folder: Path) -> Passed:
     with Child("benchmarks.traffic", "subscribe") as subject:
         taken = traffic(subject, seconds, folder / "sent.npz")
         ground_truth, estimates = map(int, subject.end().split())
-    return Passed(taken, ground_truth, estimates, 0)
+    return Passed(taken, ground_truth, estimates, {})
 
 
 def evaluator(seconds: int, folder: Path) -> Passed:
@@ -136,7 +140,7 @@ def evaluator(seconds: int, folder: Path) -> Passed:
         subject.interrupt()
     summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
     truth, estimate = summary["ground_truth"], summary["estimate"]
-    return Passed(taken, truth["received"], estimate["received"], estimate["evaluated"])
+    return Passed(taken, truth["received"], estimate["received"], estimate["rejected"])
 
 
 def delays(seconds: int, folder: Path) -> tuple[Passed, Array]:
@@ -180,13 +184,9 @@ def load_targets(seconds: int = 20, rounds: int = 2) -> Iterator[Target]:
     both = [*ours, heard]
     yield at_most("messages lost by the evaluator", _lost(both, sent), 0, ".0f")
     yield at_most("messages lost by the bare subscriber", _lost(theirs, sent), 0, ".0f")
-    share = min(each.evaluated / each.estimates for each in both)
-    yield Target(
-        "estimates evaluated (the last 0.3 s have no ground truth after them)",
-        "",
-        f"{100 * share:.1f} %",
-        None,
-    )
+    rejected = sum((Counter(each.rejected) for each in both), Counter[str]())
+    why = "".join(f", {count} {reason}" for reason, count in rejected.items())
+    yield at_most(f"estimates not evaluated{why}", rejected.total(), 0, ".0f")
     yield Target("delay of a metric, median, ms", "", f"{1e3 * np.median(delay):.0f}", None)
     yield Target("its 99th percentile, ms", "", f"{1e3 * np.quantile(delay, 0.99):.0f}", None)
     yield Target(

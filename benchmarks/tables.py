@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,6 +44,14 @@ class Table:
         return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture for the file ``path`` below docs/, drawn when it is wanted."""
+
+    path: str
+    draw: Callable[[Path], None]
+
+
 def written(text: str, table: Table) -> str:
     """Return a page's text with the table in its place.
 
@@ -57,9 +65,11 @@ def written(text: str, table: Table) -> str:
     return f"{before}{begin}\n{table.markdown()}\n{end}{after}"
 
 
-def write(table: Table, docs: Path = DOCS) -> None:
-    """Write the table into its page."""
-    if table.page is not None:
+def write(table: Table | Picture, docs: Path = DOCS) -> None:
+    """Write the table into its page, or the picture into its file."""
+    if isinstance(table, Picture):
+        table.draw(docs / table.path)
+    elif table.page is not None:
         path = docs / table.page
         path.write_text(written(path.read_text(encoding="utf-8"), table), encoding="utf-8")
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -87,7 +88,12 @@ def publish(seconds: int, path: str) -> None:
 def spin(node: Node) -> None:
     """Spin until a line comes in."""
     ended = threading.Event()
-    threading.Thread(target=lambda: (sys.stdin.readline(), ended.set()), daemon=True).start()
+
+    def wait() -> None:
+        sys.stdin.readline()
+        ended.set()
+
+    threading.Thread(target=wait, daemon=True).start()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not ended.is_set():
@@ -99,11 +105,14 @@ def subscribe() -> None:
     node = Node("bare")
     counts = [0, 0]
 
-    def count(topic: int) -> None:
-        counts[topic] += 1
+    def counter(topic: int) -> Callable[[PoseStamped], None]:
+        def count(message: PoseStamped) -> None:
+            counts[topic] += 1
+
+        return count
 
     for k, topic in enumerate(("ground_truth", "estimate")):
-        node.create_subscription(PoseStamped, topic, lambda _, k=k: count(k), _QUALITY)
+        node.create_subscription(PoseStamped, topic, counter(k), _QUALITY)
     spin(node)
     print(*counts, flush=True)
 
