@@ -44,7 +44,6 @@ def _remarks(parameter: Parameter) -> list[str]:
         f"{word} {bound:g}"
         for word, bound in (
             ("at least", parameter.lower),
-            ("above", parameter.above),
             ("at most", parameter.upper),
         )
         if bound is not None

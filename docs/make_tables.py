@@ -59,8 +59,6 @@ def _allowed(parameter: Parameter) -> str:
     if parameter.choices:
         return ", ".join(f"`{choice}`" for choice in parameter.choices)
     limits = []
-    if parameter.above is not None:
-        limits.append(f"above {parameter.above:g}")
     if parameter.lower is not None:
         limits.append(f"from {parameter.lower:g}")
     if parameter.upper is not None:

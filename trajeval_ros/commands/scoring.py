@@ -9,6 +9,7 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import Inputs, first_bad_rows
@@ -18,7 +19,7 @@ from trajeval_ros.metrics.gauge import GAUGES
 from trajeval_ros.metrics.umeyama import Gauge
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
-from trajeval_ros.online.results import Evaluations
+from trajeval_ros.online.results import Evaluations, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
@@ -46,7 +47,7 @@ def score(
         done = 0
         for results in feed(engine, samples(truth), samples(estimate)):
             report.add(results)
-            poses.add(results.evaluations)
+            poses.add(results)
             if folder is not None:
                 folder.add(results.evaluations)
             done += len(results.evaluations.stamps)
@@ -86,10 +87,12 @@ class WholeRun:
 
     def __init__(self) -> None:
         self._poses: list[Evaluations] = []
+        self._cross: list[npt.NDArray[np.float64]] = []
 
-    def add(self, evaluations: Evaluations) -> None:
+    def add(self, results: Results) -> None:
         """Keep the poses."""
-        self._poses.append(evaluations)
+        self._poses.append(results.evaluations)
+        self._cross.extend(results.cross)
 
     def complete(self, summary: Figures, gauge: Gauge) -> Figures:
         """Return the summary with the nonlinear absolute log-likelihood over all poses."""
@@ -99,6 +102,7 @@ class WholeRun:
             np.concatenate([poses.covariance for poses in self._poses]),
             np.concatenate([poses.estimate for poses in self._poses]),
             GAUGES[gauge],
+            tuple(self._cross),
         )
 
 

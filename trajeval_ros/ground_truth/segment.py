@@ -120,7 +120,7 @@ class Segment:
     def __init__(self, samples: Samples) -> None:
         """Open a segment with its first samples."""
         self._samples = samples
-        self._coordinates = self.local(samples.poses)
+        self._coordinates = _continued(self._local(samples.poses))
         self._variances = self._sample_variances(samples, self._coordinates)
         self._regressions: tuple[tuple[Regression, ...], ...] = ()
 
@@ -156,16 +156,25 @@ class Segment:
     def _seconds(self, stamps: Stamps) -> Array:
         return np.asarray((stamps - self._samples.stamps[0]) * _NANO)
 
-    def local(self, poses: Array) -> Array:
+    def following(self, poses: Array) -> Array:
+        """Return the coordinates of ``poses`` (n, 4, 4) that follow the last sample; (n, 6)."""
+        last = self._coordinates[-1:]
+        return _continued(np.concatenate([last, self._local(poses)]))[1:]
+
+    def _local(self, poses: Array) -> Array:
         """Return ``x = (R_refᵀ (p - p_ref), Log(R_refᵀ R))``; (n, 6)."""
         reference = self._samples.poses[0]
         back = reference[:3, :3].T
         offset = poses[:, :3, 3] - reference[:3, 3]
-        return np.concatenate([offset @ back.T, se3.log_so3(back @ poses[:, :3, :3])], axis=-1)
+        # Term by term, and not by BLAS, whose last digit depends on how many poses there are.
+        position = (
+            offset[:, :1] * back[:, 0] + offset[:, 1:2] * back[:, 1] + offset[:, 2:] * back[:, 2]
+        )
+        return np.concatenate([position, se3.log_so3(back @ poses[:, :3, :3])], axis=-1)
 
     def append(self, samples: Samples) -> None:
         """Add later samples."""
-        coordinates = self.local(samples.poses)
+        coordinates = self.following(samples.poses)
         self._samples = self._samples + samples
         self._coordinates = np.concatenate([self._coordinates, coordinates])
         if self._variances is not None:
@@ -248,6 +257,24 @@ class Segment:
         pose[:, :3, 3] = reference[:3, 3] + coordinates[:, :3] @ reference[:3, :3].T
         pose[:, 3, 3] = 1.0
         return pose
+
+
+def _continued(coordinates: Array) -> Array:
+    """The coordinates (n, 6) with each rotation vector on the branch nearest to the one before.
+
+    ``Log`` jumps by 2π about its axis where a rotation passes π; ``Exp`` and ``J_r`` do not mind.
+    """
+    jumps = np.flatnonzero(np.linalg.norm(np.diff(coordinates[:, 3:], axis=0), axis=-1) > np.pi)
+    if not len(jumps):
+        return coordinates
+    coordinates = coordinates.copy()
+    phi = coordinates[:, 3:]
+    for i in range(jumps[0] + 1, len(phi)):  # each from the one before; hardly ever, and not many
+        angle = float(np.linalg.norm(phi[i]))
+        if np.linalg.norm(phi[i] - phi[i - 1]) > np.pi and angle > 0.0:
+            turns = np.rint((phi[i - 1] @ phi[i] / angle - angle) / (2.0 * np.pi))
+            phi[i] *= 1.0 + 2.0 * np.pi * turns / angle
+    return coordinates
 
 
 def _to_body(phi: Array) -> Array:

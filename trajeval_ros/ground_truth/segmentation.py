@@ -123,6 +123,11 @@ class Segmentation:
         return map(Blended, indices, self._segments, incoming, outgoing)
 
     @property
+    def open(self) -> list[Segment]:
+        """The segments that are not closed yet."""
+        return list(self._segments)[-2 if self._handing_over else -1 :]
+
+    @property
     def _handing_over(self) -> bool:
         return bool(self._handovers) and self._handovers[-1].last < 1.0
 
@@ -146,7 +151,7 @@ class Segmentation:
         share = 1.0 - shape.overlap
         samples, rest = samples[: shape.max_samples], samples[shape.max_samples :]
         size = len(segment) + np.arange(1, len(samples) + 1)
-        angle = _angles(segment.local(samples.poses))
+        angle = _angles(segment.following(samples.poses))
         long_enough = samples.stamps - segment.start >= share * shape.duration
         ready = (
             (long_enough & (size >= share * shape.min_samples))
@@ -177,7 +182,7 @@ class Segmentation:
         by_size = size / (shape.overlap * shape.min_samples)
         by_room = size / max(shape.max_samples - begun, 1)
         room_to_turn = max(_TURN_END - angle, 0.1)
-        by_turn = (_angles(old.local(samples.poses)) - angle) / room_to_turn
+        by_turn = (_angles(old.following(samples.poses)) - angle) / room_to_turn
         progress = np.maximum.reduce([np.minimum(by_time, by_size), by_room, by_turn])
         progress = np.maximum.accumulate(np.clip(progress, handover.last, 1.0))
         complete = progress >= 1.0

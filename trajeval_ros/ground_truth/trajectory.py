@@ -115,7 +115,7 @@ class GroundTruth:
     def conclude(self) -> None:
         """No more samples will come: learn from what there is, if that has not been done."""
         if self._lessons is not None and not self._processes:
-            learned = self._lessons.learn([b.segment for b in self._segmentation])
+            learned = self._lessons.learn(self._segmentation.open)
             if learned is not None:
                 self._use(learned)
 

@@ -114,9 +114,9 @@ def describe(parameter: Parameter) -> ParameterDescriptor:
         additional_constraints=constraints(parameter),
         read_only=not parameter.dynamic,
     )
-    if parameter.lower is None and parameter.above is None and parameter.upper is None:
+    if parameter.lower is None and parameter.upper is None:
         return descriptor
-    least = parameter.above if parameter.lower is None else parameter.lower
+    least = parameter.lower
     if isinstance(parameter.default, int):
         descriptor.integer_range = [
             IntegerRange(
@@ -149,8 +149,6 @@ def constraints(parameter: Parameter) -> str:
         words.append("one of " + ", ".join(parameter.choices))
     if parameter.lower is not None:
         words.append(f"at least {parameter.lower!r}")
-    if parameter.above is not None:
-        words.append(f"above {parameter.above!r}")
     if parameter.upper is not None:
         words.append(f"at most {parameter.upper!r}")
     return ", ".join(words)

@@ -33,8 +33,7 @@ class CovarianceDoubts:
             self._first = covariances[0].copy()
         self._count += len(covariances)
         self._zero += int((covariances == 0.0).all(axis=(-1, -2)).sum())
-        diagonal = np.diagonal(covariances, axis1=1, axis2=2)
-        same = np.allclose(np.sort(diagonal), np.sort(np.diagonal(self._first)), rtol=1e-9)
+        same = np.array_equal(covariances, np.broadcast_to(self._first, covariances.shape))
         self._constant = self._constant and same
 
     def notices(self) -> list[Notice]:

@@ -25,6 +25,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
+from trajeval_ros.metrics.gaussian import CovarianceError
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.doubts import CovarianceDoubts
 from trajeval_ros.online.evaluation import Evaluation
@@ -77,6 +78,10 @@ class _Pending:
 
 
 _NOBODY = _Pending(np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), None)
+
+
+class EngineError(ArithmeticError):
+    """The computation cannot go on; the message is one line."""
 
 
 class Engine:
@@ -133,6 +138,8 @@ class Engine:
 
     def add_estimate(self, samples: PoseSamples) -> None:
         """Take estimates, in the order of their arrival."""
+        if samples.covariances is not None and self._values["estimate.use_covariance"]:
+            self._doubts.look_at(samples.covariances)
         self._append_estimates(self._estimates.accept(samples))
 
     def _append_ground_truth(self, accepted: Accepted) -> None:
@@ -148,7 +155,6 @@ class Engine:
         # the adjoint.
         covariances = accepted.covariances
         if covariances is not None:
-            self._doubts.look_at(covariances)
             adjoint = se3.adjoint(se3.inverse(self._from_body))
             covariances = adjoint @ covariances @ adjoint.T
         stamps = accepted.stamps + self._nanoseconds("estimate.time_offset")
@@ -209,7 +215,13 @@ class Engine:
         offset = self._nanoseconds("estimate.time_offset")
         cross = posterior.cross
         poses = EvaluatedPoses(chosen.stamps, posterior.poses, covariance, chosen.poses, cross)
-        return self._evaluation.add(poses, offset, posterior.sampled), cross or ()
+        try:
+            return self._evaluation.add(poses, offset, posterior.sampled), cross or ()
+        except CovarianceError as error:
+            raise EngineError(
+                f"the covariance of the pose at {int(chosen.stamps[max(error.index, 0)])} ns is "
+                "not positive definite: are ground truth's or estimate's covariances right?"
+            ) from error
 
     def _until(self, stamps: Stamps) -> Stamps:
         """Stamp of the last sample that answers each of ``stamps`` (n,).

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.metrics.estimate_covariance import is_indefinite
 from trajeval_ros.online.accounting import Account, Reason
 from trajeval_ros.online.samples import PoseSamples
 
@@ -180,7 +181,7 @@ class Intake:
         if self._use_covariance:
             given = samples.covariances
             given = np.zeros((len(samples), 6, 6)) if given is None else given
-            covariances = se3.covariance_from_fixed_axes(given, poses)
+            covariances = se3.covariance_from_fixed_axes(_semi_definite(given), poses)
         return Accepted(samples.stamps, poses, covariances)
 
 
@@ -188,13 +189,18 @@ _NOTHING = PoseSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((
 
 
 def _invalid(covariances: Array) -> Mask:
-    """Not finite, not symmetric, or with an eigenvalue below round-off."""
+    """Not finite, or not positive semi-definite but for round-off."""
     finite: Mask = np.asarray(np.isfinite(covariances).all(axis=(-1, -2)))
-    safe = np.where(finite[:, None, None], covariances, 0.0)
-    size = np.abs(safe).max(axis=(-1, -2), initial=0.0)
-    skew = np.abs(safe - np.swapaxes(safe, -1, -2)).max(axis=(-1, -2), initial=0.0)
-    smallest = np.linalg.eigvalsh(safe)[:, 0] if len(safe) else np.zeros(0)
-    return np.asarray(~finite | (skew > 1e-6 * size) | (smallest < -1e-9 * size))
+    invalid = ~finite
+    invalid[finite] = is_indefinite(covariances[finite])
+    return invalid
+
+
+def _semi_definite(covariances: Array) -> Array:
+    """The covariances (n, 6, 6) without what round-off made negative of their eigenvalues."""
+    symmetric = 0.5 * (covariances + np.swapaxes(covariances, -1, -2))
+    values, vectors = np.linalg.eigh(symmetric)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(vectors, -1, -2))
 
 
 def _select(samples: PoseSamples, mask: Mask) -> PoseSamples:

@@ -24,8 +24,8 @@ class ParameterError(ValueError):
 class Parameter:
     """One parameter.
 
-    ``lower`` and ``upper`` are inclusive; ``above`` is an exclusive lower bound. ``dynamic``
-    parameters may be changed while the node runs, the others are read-only.
+    ``lower`` and ``upper`` are inclusive. ``dynamic`` parameters may be changed while the node
+    runs, the others are read-only.
     """
 
     name: str
@@ -33,7 +33,6 @@ class Parameter:
     description: str
     unit: str = ""
     lower: float | None = None
-    above: float | None = None
     upper: float | None = None
     choices: tuple[str, ...] = ()
     dynamic: bool = False
@@ -75,8 +74,6 @@ class Parameter:
             raise ParameterError(f"{self.name} must be finite, got {value!r}")
         if self.lower is not None and value < self.lower:
             raise ParameterError(f"{self.name} must be at least {self.lower!r}, got {value!r}")
-        if self.above is not None and value <= self.above:
-            raise ParameterError(f"{self.name} must be above {self.above!r}, got {value!r}")
         if self.upper is not None and value > self.upper:
             raise ParameterError(f"{self.name} must be at most {self.upper!r}, got {value!r}")
 
@@ -219,7 +216,7 @@ _TABLE = (
     Parameter(
         "gp.hyperparameters",
         "auto",
-        "auto learns the hyperparameters from the ground truth, fixed takes the six below",
+        "auto learns the hyperparameters, fixed takes those of gp.translation and gp.rotation",
         choices=("auto", "fixed"),
     ),
     *_group("translation", "the translation", "m", 0.001),
@@ -237,7 +234,7 @@ _TABLE = (
     Parameter(
         "window.duration",
         30.0,
-        "Length of the sliding window",
+        "Length of the sliding window; an estimate at a longer gap does not wait for its end",
         "s",
         lower=1.0,
         upper=3600.0,
@@ -281,6 +278,9 @@ _TABLE = (
     ),
 )
 
+# Below, the covariance of the samples is singular but for round-off.
+_LEAST_NOISE = 1e-6
+
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in _TABLE})
 
 
@@ -301,4 +301,12 @@ def complete(values: Mapping[str, object]) -> dict[str, Value]:
     }
     if merged["segment.min_samples"] > merged["segment.max_samples"]:  # type: ignore[operator]
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")
+    if merged["gp.hyperparameters"] == "fixed":
+        for group in ("translation", "rotation"):
+            signal, noise = merged[f"gp.{group}.signal_std"], merged[f"gp.{group}.noise_std"]
+            if noise < _LEAST_NOISE * signal:  # type: ignore[operator]
+                raise ParameterError(
+                    f"gp.{group}.noise_std must be at least {_LEAST_NOISE:g} of "
+                    f"gp.{group}.signal_std, got {noise!r} and {signal!r}"
+                )
     return merged
