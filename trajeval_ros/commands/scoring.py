@@ -26,6 +26,9 @@ from trajeval_ros.report import Report
 
 Figures = dict[str, Any]
 
+# So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it.
+_CHUNK = 20_000_000_000
+
 
 def score(
     data: Inputs,
@@ -45,7 +48,7 @@ def score(
     truth, estimate = data.ground_truth, data.estimate
     with Progress("evaluating", len(estimate), "poses") as progress:
         done = 0
-        for results in feed(engine, samples(truth), samples(estimate)):
+        for results in feed(engine, samples(truth), samples(estimate), _CHUNK):
             report.add(results)
             poses.add(results)
             if folder is not None:

@@ -94,9 +94,11 @@ def _record_likelihood(covariance: Array, record: Record) -> tuple[float, Array]
     information = float(weighted.sum())
     projection = inverse - np.outer(weighted, weighted) / information
     alpha = projection @ record.values
-    square, freedom = float(np.vdot(record.values, alpha)), coordinates * (count - 1)
+    # Here and below: the last digit of np.vdot, and of np.log of a diagonal, depends on where in
+    # memory the arrays lie, and the search would amplify it.
+    square, freedom = math.fsum((record.values * alpha).ravel()), coordinates * (count - 1)
     nu = DEGREES_OF_FREEDOM
-    log_det = 2.0 * float(np.log(np.diagonal(lower)).sum()) + math.log(information)
+    log_det = 2.0 * math.fsum(map(math.log, np.diagonal(lower))) + math.log(information)
     value = (
         math.lgamma(0.5 * (nu + freedom))
         - math.lgamma(0.5 * nu)
