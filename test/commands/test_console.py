@@ -3,6 +3,9 @@
 """Exit codes, progress, and the figures as text."""
 
 import io
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -32,6 +35,29 @@ def test_a_defect_is_not_hidden() -> None:
 
     with pytest.raises(ZeroDivisionError):
         console.run(broken, "tool")
+
+
+@pytest.mark.parametrize("flush", [False, True])
+def test_output_that_cannot_be_written_is_one_line(flush: bool) -> None:
+    code = (
+        "import sys; from trajeval_ros.commands import console\n"
+        f"sys.exit(console.run(lambda: print('figures', flush={flush}) or 0, 'tool'))"
+    )
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stderr == "tool: error: cannot write the output: No space left on device\n"
+
+
+def test_another_error_of_the_system_is_not_hidden() -> None:
+    with pytest.raises(FileNotFoundError):
+        console.run(lambda: len(Path("/no/such/file").read_bytes()), "tool")
 
 
 def test_progress_is_silent_for_short_work() -> None:

@@ -86,7 +86,10 @@ def test_live_figures_are_those_of_the_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.ros
-def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
+@pytest.mark.parametrize("numbers", [(signal.SIGINT,), (signal.SIGHUP, signal.SIGHUP)])
+def test_a_signal_leaves_no_process_behind(
+    numbers: tuple[signal.Signals, ...], tmp_path: Path
+) -> None:
     pytest.importorskip("rclpy", reason="needs ROS 2")
     truth, estimate = write_files(tmp_path, 24.0, 3)
     output = tmp_path / "live"
@@ -103,7 +106,9 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
     )
     time.sleep(5.0)
     assert len(processes_about(tmp_path)) == 3
-    demo.send_signal(signal.SIGINT)
+    for number in numbers:
+        demo.send_signal(number)
+        time.sleep(0.1)
     _, errors = demo.communicate(timeout=30)
     assert demo.returncode == 130
     assert errors == "demo: error: interrupted\n"

@@ -130,6 +130,21 @@ def test_wrong_usage(option: str, value: str, run: tuple[Path, Path]) -> None:
     assert option in result.stderr
 
 
+@ros
+@pytest.mark.parametrize(
+    "arguments", [("-r", "nonsense"), ("-r", "__node:=a/b"), ("--params-file", "/no/such.yaml")]
+)
+def test_wrong_ros_arguments(
+    arguments: tuple[str, str], run: tuple[Path, Path], environment: dict[str, str]
+) -> None:
+    player = replay(environment, "tum", *run, "--ros-args", *arguments)
+    _, errors = player.communicate(timeout=30)
+    assert player.returncode == 2
+    ours = [line for line in errors.splitlines() if line.startswith("replay: error: ")]
+    assert len(ours) == 1
+    assert "Traceback" not in errors
+
+
 def test_ros_arguments_are_ros() -> None:
     argv = ["tum", "a", "--ros-args", "-r", "x:=y", "--", "b", "--rate", "2"]
     assert split_ros_arguments(argv) == (

@@ -5,18 +5,21 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import NoReturn, Self, TextIO
+from typing import Self, TextIO
 
 DONE = 0
 NOT_EVALUATED = 1
 WRONG_USAGE = 2
 INTERRUPTED = 128 + signal.SIGINT
+
+_UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 class CommandError(Exception):
@@ -41,24 +44,26 @@ def run(command: Callable[[], int], name: str) -> int:
     except KeyboardInterrupt:
         return fail(name, "interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # The reader of our output is gone (`evaluate ... | head`). Python would flush stdout once
-        # more at exit and complain.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of our output is gone (`evaluate ... | head`).
+        _drop_output()
         return DONE
+    except OSError as error:
+        # A disk that is full, a terminal that is gone. An error with a file's name is not stdout's.
+        if error.filename is not None or error.errno not in _UNWRITABLE:
+            raise
+        _drop_output()
+        return fail(name, f"cannot write the output: {error.strerror}", NOT_EVALUATED)
+
+
+def _drop_output() -> None:
+    """Python would flush stdout once more at exit and complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def fail(name: str, message: str, code: int) -> int:
     """Say what went wrong in one line, and return the exit code."""
     print(f"{name}: error: {message}", file=sys.stderr)
     return code
-
-
-def missing_extra(package: str, extra: str, purpose: str) -> NoReturn:
-    """Say how to get an optional package."""
-    raise CommandError(
-        f"{purpose} needs the Python package {package}; get it with:"
-        f" python3 -m pip install {package} (or trajeval_ros[{extra}])"
-    )
 
 
 def number(lower: float, upper: float) -> Callable[[str], float]:

@@ -63,12 +63,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     if (arguments.ground_truth is None) != (arguments.estimate is None):
         parser.error("give both --ground-truth and --estimate, or neither")
-    # `make` and service managers send SIGTERM; the children end with us either way.
+    # `make` and service managers send SIGTERM, a terminal that is closed SIGHUP (not under nohup);
+    # the children end with us either way.
     signal.signal(signal.SIGTERM, _interrupt)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, _interrupt)
     return console.run(lambda: demo(arguments), "demo")
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> Any:
+    # A second one must not disturb the children's end: shell and kernel both send SIGHUP.
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 

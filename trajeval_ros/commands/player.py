@@ -23,10 +23,11 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from rosgraph_msgs.msg import Clock
 
-from trajeval_ros.commands.console import CommandError, Progress
+from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.schedule import Schedule, merge
 from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.node.errors import first_line
 
 SECOND = 1_000_000_000
 
@@ -68,13 +69,18 @@ class Player:
         self._stamps = [each.stamps.tolist() for each in self._topics]
         # Ctrl-C stays Python's; SIGTERM ends us the same way.
         self._context = Context()
-        rclpy.init(
-            args=list(ros_arguments),
-            context=self._context,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        try:
+            rclpy.init(
+                args=list(ros_arguments),
+                context=self._context,
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            self._node = rclpy.create_node("replay", context=self._context)
+        except Exception as error:
+            # rclpy has several types for wrong arguments.
+            try_shutdown(context=self._context)
+            raise UsageError(first_line(error)) from error
         signal.signal(signal.SIGTERM, _interrupt)
-        self._node = rclpy.create_node("replay", context=self._context)
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         kinds = [
             PoseStamped if each.covariances is None else PoseWithCovarianceStamped

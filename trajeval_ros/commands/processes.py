@@ -60,4 +60,10 @@ class Child:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.interrupt(5.0)
+        try:
+            self.interrupt(5.0)
+        finally:
+            # Interrupted ourselves.
+            if self._process.poll() is None:
+                self._process.kill()
+                self._process.wait()

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Sequence
 
@@ -13,6 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
+from trajeval_ros.node.errors import first_line
 from trajeval_ros.node.evaluator import Evaluator
 from trajeval_ros.node.main import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail
 from trajeval_ros.online.parameters import ParameterError
@@ -24,7 +24,7 @@ def run(arguments: Sequence[str], stop: Stop) -> int:
         # Our own signal handlers: rclpy's would take ROS down before the results are published.
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy has several types for wrong arguments)
-        return fail(_first_line(error), WRONG_USAGE)
+        return fail(first_line(error), WRONG_USAGE)
     try:
         return _run(remove_ros_args(list(arguments))[1:], stop)
     finally:
@@ -53,8 +53,3 @@ def _run(others: Sequence[str], stop: Stop) -> int:
     executor.shutdown()
     node.destroy_node()
     return DONE if written else NOT_WRITTEN
-
-
-def _first_line(error: Exception) -> str:
-    """The message without the places in rcl's source that it ends with."""
-    return re.sub(r", at [^ ,]+:\d+", "", str(error)).strip().splitlines()[0]
