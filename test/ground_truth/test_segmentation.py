@@ -8,10 +8,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from twins.ground_truths import SHAPE, at, cut, patterns, regular, sampled, shapes
+from twins.ground_truths import (
+    SHAPE,
+    at,
+    cut,
+    ground_truth,
+    patterns,
+    regular,
+    sampled,
+    shapes,
+    whole,
+)
 from twins.runs import SECOND, START, motion
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import Segmentation, SegmentShape
 
 
@@ -250,3 +261,20 @@ def test_a_hand_over_does_not_go_back_with_the_body():
     for own in share:
         signs = np.sign(np.diff(own))
         assert np.count_nonzero(np.diff(signs[signs != 0.0])) <= 1
+
+
+@pytest.mark.parametrize(("rate", "speed"), [(1, 0.6), (5, 2.9), (10, 6.0), (2, 1.5), (1, 2.0)])
+def test_a_body_that_turns_far_from_sample_to_sample_is_followed(rate, speed):
+    def turning(times):
+        poses = np.tile(np.eye(4), (len(times), 1, 1))
+        poses[:, :3, :3] = se3.exp_so3(np.outer(speed * times, [0.0, 0.0, 1.0]))
+        return poses
+
+    times = regular(40.0, rate)
+    truth = ground_truth(Samples(at(times), turning(times)), hyperparameters=None)
+    truth.conclude()
+    asked = np.linspace(5.0, 35.0, 301)
+    error = se3.log_so3(
+        np.swapaxes(turning(asked)[:, :3, :3], -1, -2) @ whole(truth, at(asked)).poses[:, :3, :3]
+    )
+    assert np.abs(error).max() < 0.01
