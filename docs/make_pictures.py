@@ -4,11 +4,10 @@
 
     PYTHONPATH=. .venv/bin/python docs/make_pictures.py gap GROUND_TRUTH ESTIMATE
     PYTHONPATH=. .venv/bin/python docs/make_pictures.py report REPORT.html
-    PYTHONPATH=. .venv/bin/python docs/make_pictures.py correlation
 
 ``gap`` wants TUM's freiburg2_desk, which has a gap of 12 s in its ground truth. ``report`` takes a
-picture of the upper part of a report with chromium. ``correlation`` draws p-values of estimates
-that err exactly as the ground truth does. ``benchmarks/calibration.py`` makes ``calibration.png``.
+picture of the upper part of a report with chromium. The other pictures are made by
+``docs/make_joint_picture.py`` and ``benchmarks/calibration.py``.
 """
 
 from __future__ import annotations
@@ -29,14 +28,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from trajeval_ros import se3
 from trajeval_ros.commands.scoring import samples
 from trajeval_ros.files.tum import read_tum
-from trajeval_ros.ground_truth.hyperparameters import Component, GroupHyperparameters
-from trajeval_ros.ground_truth.kernels import Matern52
-from trajeval_ros.ground_truth.regression import Regression, sum_of_kernels
-from trajeval_ros.metrics.figures import p_value
-from trajeval_ros.metrics.relative import relative
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 
@@ -168,45 +161,6 @@ def report(page: str) -> None:
             image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
 
 
-def correlation(draws: int = 1000) -> None:
-    """p-values of perfect estimates at 20 Hz, ground truth at 1 Hz, with either covariance."""
-    times = np.arange(0.0, 12.0)
-    queries = np.arange(3.0, 8.0, 0.05)
-    group = GroupHyperparameters((Component(0.5, 2.0),), 0.001)
-    regression = Regression((Matern52(),), group, 3)
-    generator = np.random.default_rng(1)
-    prior = sum_of_kernels((Matern52(),), group.components, np.abs(times[:, None] - times))
-    samples_drawn = np.linalg.cholesky(prior) @ generator.normal(size=(len(times), 3))
-    noise = np.full(len(times), group.noise_std**2)
-    regression.extend(times, samples_drawn, noise)
-    joint = regression.covariance(queries, np.full(len(queries), len(times)))
-
-    # Six coordinates alike, a ground truth at rest: then errors are estimates.
-    count = len(queries)
-    blocks = np.zeros((count, count, 6, 6))
-    for k in range(count):
-        blocks[k:, k] = np.diagonal(joint, -k)[:, None, None] * np.eye(6)
-    ground_truth = np.tile(np.eye(4), (count, 1, 1))
-    factor = np.linalg.cholesky(joint + 1e-12 * np.eye(count))
-    found: dict[str, list[float]] = {"independent": [], "joint": []}
-    for _ in range(draws):
-        estimate = se3.exp(1e-2 * (factor @ generator.normal(size=(count, 6))))
-        for name, covariance in (("independent", blocks[:, 0]), ("joint", blocks)):
-            # Scaled down, so that SE(3) is as good as flat.
-            likelihood = relative(ground_truth, 1e-4 * covariance, estimate)
-            found[name].append(p_value(likelihood.chi2, likelihood.dof))
-
-    figure, axes = plt.subplots(1, 2, figsize=(8.0, 2.8), sharey=True, layout="constrained")
-    for axis, (name, values), color in zip(axes, found.items(), (ESTIMATE, TRUTH), strict=True):
-        axis.hist(values, bins=20, range=(0.0, 1.0), color=color)
-        axis.axhline(draws / 20, color=SAMPLES, linewidth=1)
-        axis.set_yscale("log")
-        axis.set_title(name, fontsize=10)
-        axis.set_xlabel("two-sided p-value of chi2")
-    axes[0].set_ylabel(f"of {draws} estimates")
-    _save(figure, tuple(axes), "correlation.png")
-
-
 def main() -> None:
     """Make one picture."""
     parser = argparse.ArgumentParser(
@@ -217,7 +171,6 @@ def main() -> None:
     of_gap.add_argument("ground_truth")
     of_gap.add_argument("estimate")
     pictures.add_parser("report").add_argument("page")
-    pictures.add_parser("correlation")
     arguments = parser.parse_args()
     match arguments.picture:
         case "gap":
@@ -225,8 +178,6 @@ def main() -> None:
             gap(evaluated(arguments.ground_truth, arguments.estimate, **parameters))
         case "report":
             report(arguments.page)
-        case "correlation":
-            correlation()
 
 
 if __name__ == "__main__":
