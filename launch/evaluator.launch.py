@@ -22,7 +22,7 @@ ARGUMENTS = (
     ("params_file", os.path.join(SHARE, "config", "evaluator.yaml"), "Parameters of the node"),
     ("output_directory", "", "Where the results are written at the end; nowhere when empty"),
     ("namespace", "", "Namespace of the node"),
-    ("use_sim_time", "false", "Take the time from /clock"),
+    ("use_sim_time", "", "Take the time from /clock; when empty as the parameters say"),
     ("rviz", "false", "Start RViz too"),
 )
 
@@ -30,9 +30,10 @@ ARGUMENTS = (
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes; the arguments have their values by now."""
     value = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    overrides = {"use_sim_time": value["use_sim_time"].lower() == "true"}
+    # What is not given here, the parameter file says.
+    clock = {"use_sim_time": value["use_sim_time"].lower() == "true"}
+    overrides = dict(clock) if value["use_sim_time"] else {}
     if value["output_directory"]:
-        # Otherwise the parameter file has the word.
         overrides["output.directory"] = value["output_directory"]
     evaluator = Node(
         package="trajeval_ros",
@@ -56,7 +57,7 @@ def nodes(context: LaunchContext) -> list[Node]:
         executable="rviz2",
         namespace=value["namespace"],
         arguments=["-d", os.path.join(SHARE, "config", "evaluator.rviz")],
-        parameters=[{"use_sim_time": overrides["use_sim_time"]}],
+        parameters=[clock],
     )
     return [evaluator, rviz]
 

@@ -226,16 +226,24 @@ class Graph:
 
     def set_parameter(self, name: str, value: Any, node: str = "/evaluator") -> Any:
         """Set a parameter of the node from outside; return SetParametersResult."""
-        from rcl_interfaces.srv import SetParameters
+        return self.set_parameters({name: value}, node)
+
+    def set_parameters(self, values: dict[str, Any], node: str = "/evaluator") -> Any:
+        """Set parameters all or none; return SetParametersResult."""
+        from rcl_interfaces.srv import SetParametersAtomically
         from rclpy.parameter import Parameter
 
-        client = self.node.create_client(SetParameters, f"{node}/set_parameters")
+        client = self.node.create_client(
+            SetParametersAtomically, f"{node}/set_parameters_atomically"
+        )
         self.until(client.service_is_ready, client.srv_name)
-        message = Parameter(name, value=value).to_parameter_msg()
-        future = client.call_async(SetParameters.Request(parameters=[message]))
+        messages = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        future = client.call_async(SetParametersAtomically.Request(parameters=messages))
         self.until(future.done, "an answer of set_parameters")
         self.node.destroy_client(client)
-        return future.result().results[0]
+        return future.result().result
 
 
 def values_of(status: Any) -> dict[str, str]:

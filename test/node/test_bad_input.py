@@ -14,6 +14,7 @@ import data
 import pytest
 from geometry_msgs.msg import PoseStamped
 from harness import Graph, Process, accounted, values_of
+from rclpy.serialization import serialize_message
 
 pytestmark = pytest.mark.ros
 
@@ -188,7 +189,26 @@ def test_frames_empty_and_changing(rig: Rig) -> None:
         message.header.frame_id = ("", "odom", "m" * 300)[k % 3]
     summary = rig.play(truth, estimate)
     assert summary["estimate"]["evaluated"] == evaluated(rig)
-    rig.graph.until(lambda: "frame_id changed" in rig.graph.health()["estimate"].message, "a word")
+    assert int(values_of(rig.graph.health()["estimate"])["frame_changes"]) > 0
+    # Said while it lasts.
+    rig.graph.until_health("estimate", "messages/s", level=0)
+    assert rig.graph.call("/evaluator/reset").success
+    rig.graph.until(
+        lambda: values_of(rig.graph.health()["estimate"])["frame_changes"] == "0", "a new count"
+    )
+
+
+def test_bytes_that_are_no_message(rig: Rig) -> None:
+    truth, estimate = rig.messages()
+    for k in (20, 30):
+        estimate[k] = serialize_message(estimate[k])[:40]
+    truth[50] = serialize_message(truth[50])[:40]
+    summary = rig.play(truth, estimate)
+    assert summary["estimate"]["rejected"] == {"undecodable": 2}
+    assert summary["ground_truth"]["rejected"] == {"undecodable": 1}
+    assert summary["estimate"]["evaluated"] == evaluated(rig) - 2
+    # Over: no error any more.
+    rig.graph.until_health("estimate", "messages/s", level=0)
 
 
 @pytest.mark.parametrize("alone", ["ground_truth", "estimate"])

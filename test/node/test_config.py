@@ -38,7 +38,7 @@ def test_every_parameter_is_described(name: str) -> None:
     assert descriptor.description.startswith(parameter.description)
     assert descriptor.read_only is not parameter.dynamic
     assert descriptor.type != ParameterType.PARAMETER_NOT_SET
-    for bound in (parameter.lower, parameter.above, parameter.upper):
+    for bound in (parameter.lower, parameter.upper):
         assert bound is None or repr(bound) in constraints(parameter)
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     if ranges:

@@ -32,9 +32,9 @@ NOW = 1_700_000_000 * SECOND
 
 SLAM = Endpoint("/slam", "geometry_msgs/msg/PoseStamped", "reliable", "volatile")
 HEARD = Plan(Offer("PoseStamped", "reliable", "volatile"), ())
-INPUT = InputState("/estimate", (SLAM,), HEARD, lost=0, undecodable=0, frame_changes=0)
+INPUT = InputState("/estimate", (SLAM,), HEARD, lost=0, frame_changes=0)
 TOPIC = TopicHealth(10, 7, 1, {"non_finite": 2}, NOW, NOW + 5 * SECOND)
-TRAFFIC = Traffic(rate=20.0, silence=0.05, rejected={}, lost=0)
+TRAFFIC = Traffic(rate=20.0, silence=0.05, rejected={}, lost=0, frame_changes=0)
 HEALTH = Health(TOPIC, TOPIC, None, 0, None)
 CLOCK = ClockState(False, NOW + 5 * SECOND, 0, 0.0, 0, 0)
 
@@ -66,8 +66,8 @@ def test_a_good_topic_accounts_for_its_messages() -> None:
         (INPUT, replace(TRAFFIC, lost=4), 1, "4 messages lost on the way"),
         (INPUT, replace(TRAFFIC, rejected={"zero_stamp": 1}), 1, "rejected in the last second: 1"),
         (replace(INPUT, plan=Plan(None, ("a problem",))), TRAFFIC, 2, "a problem"),
-        (replace(INPUT, undecodable=1), TRAFFIC, 2, "not readable"),
-        (replace(INPUT, frame_changes=2), TRAFFIC, 1, "frame_id changed 2 times"),
+        (INPUT, replace(TRAFFIC, rejected={"undecodable": 3}), 2, "3 messages are not readable"),
+        (INPUT, replace(TRAFFIC, frame_changes=2), 1, "frame_id changed 2 times"),
     ],
 )
 def test_what_is_wrong_with_a_topic(
@@ -76,6 +76,14 @@ def test_what_is_wrong_with_a_topic(
     status = check_topic("estimate", state, TOPIC, traffic, "evaluated")
     assert status.level == level
     assert words in status.message
+
+
+def test_what_is_over_is_in_the_values_alone() -> None:
+    topic = replace(TOPIC, rejected={"undecodable": 2})
+    status = check_topic("estimate", replace(INPUT, frame_changes=3), topic, TRAFFIC, "evaluated")
+    assert (status.level, status.message) == (Level.OK, "20.0 messages/s")
+    assert status.values["rejected_undecodable"] == "2"
+    assert status.values["frame_changes"] == "3"
 
 
 def at(begin: float, end: float, used: int = 0) -> TopicHealth:

@@ -14,6 +14,7 @@ import data
 import pytest
 from geometry_msgs.msg import PoseStamped
 from harness import Graph, Process, accounted, values_of
+from nav_msgs.msg import Path as Path_
 
 from trajeval_ros.online.parameters import PARAMETERS
 
@@ -133,6 +134,7 @@ def test_save_reset_and_parameters_at_run_time(graph: Graph, tmp_path: Path) -> 
     summary = summary_in(first)
     assert summary["estimate"]["received"] == counts[1]
     assert summary["window"]["poses"] == summary["estimate"]["evaluated"]
+    assert summary["likely_causes"] == []
 
     # A shorter window shows at once when the next pose comes; an integer is taken as a number.
     assert graph.set_parameter("window.duration", 2).successful
@@ -146,7 +148,20 @@ def test_save_reset_and_parameters_at_run_time(graph: Graph, tmp_path: Path) -> 
         assert not result.successful, name
         assert words in result.reason
 
+    # All or none: what stands before the wrong one has no effect either.
+    third = tmp_path / "third"
+    for wrong in ({"window.duration": 0.5}, {"use_sim_time": "yes"}, {"gauge": "none"}):
+        assert not graph.set_parameters({"output.directory": str(third), **wrong}).successful
+    assert not third.exists()
+    assert not graph.set_parameters(
+        {"window.duration": 20.0, "output.directory": "/proc/nowhere"}
+    ).successful
+
+    path = graph.listen(Path_, "/evaluator/estimate/path", latched=True)
+    graph.until(lambda: path and path[-1].poses, "a path")
     assert graph.call("/evaluator/reset").success
+    graph.until(lambda: not path[-1].poses, "an empty path")
+    graph.until(lambda: values_of(graph.health()["estimate"])["received"] == "0", "a new count")
     assert graph.set_parameter("output.directory", str(second)).successful
     assert graph.call("/evaluator/save").success
     assert summary_in(second)["estimate"]["received"] == 0

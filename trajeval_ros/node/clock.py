@@ -31,7 +31,11 @@ class StampClock:
         self._came = 0
 
     def note(self, stamps: list[int], now: int | None) -> None:
-        """Take the newest stamps (ns) that were let in, as it is ``now`` on the ROS clock."""
+        """Take the newest stamps (ns) that were let in, as it is ``now`` on the ROS clock.
+
+        Never one that may still be rejected: a single stamp from the future would have every
+        estimate after it decided at once.
+        """
         if now is None or not stamps:
             return
         newest = max(stamps)

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from enum import IntEnum
 
 from trajeval_ros.node.inputs import InputState
+from trajeval_ros.node.session import UNDECODABLE
 from trajeval_ros.online.results import Health, TopicHealth
 
 _SECOND = 1_000_000_000
@@ -68,6 +69,7 @@ class Traffic:
     silence: float | None
     rejected: Mapping[str, int]
     lost: int
+    frame_changes: int
 
 
 def check_topic(
@@ -78,15 +80,17 @@ def check_topic(
     findings += _check_presence(state, health, traffic)
     if traffic.lost:
         findings.append(Finding(Level.WARN, f"{traffic.lost} messages lost on the way"))
-    if traffic.rejected:
-        reasons = ", ".join(f"{count} {reason}" for reason, count in traffic.rejected.items())
+    rejected = dict(traffic.rejected)
+    undecodable = rejected.pop(UNDECODABLE, 0)
+    if rejected:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in rejected.items())
         findings.append(Finding(Level.WARN, f"rejected in the last second: {reasons}"))
-    if state.undecodable:
-        findings.append(Finding(Level.ERROR, f"{state.undecodable} messages are not readable"))
-    if state.frame_changes:
+    if undecodable:
+        findings.append(Finding(Level.ERROR, f"{undecodable} messages are not readable"))
+    if traffic.frame_changes:
         findings.append(
             Finding(
-                Level.WARN, f"frame_id changed {state.frame_changes} times; is one source meant?"
+                Level.WARN, f"frame_id changed {traffic.frame_changes} times; is one source meant?"
             )
         )
     offer = state.plan.offer
@@ -102,6 +106,7 @@ def check_topic(
         "rejected": sum(health.rejected.values()),
         **{f"rejected_{reason}": count for reason, count in health.rejected.items()},
         "lost": state.lost,
+        "frame_changes": state.frame_changes,
         "rate": traffic.rate,
         "silence": traffic.silence,
         "first_stamp": _seconds(health.first_stamp),

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -16,7 +17,7 @@ from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
 from trajeval_ros.node.figures import STATUSES, flatten
-from trajeval_ros.node.inputs import Input
+from trajeval_ros.node.inputs import BATCH, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
 from trajeval_ros.node.schedule import Schedule
@@ -38,6 +39,11 @@ _PATH_PERIOD = 1.0
 _MARKER_PERIOD = 0.2
 # What a subscriber may take at shutdown, s.
 _PARTING = 0.5
+# At shutdown the queues are emptied of what they can hold (one batch more for what a change of the
+# subscription has left), and of what is on its way for this long (s): not of all that publishers
+# go on to send.
+_LAST_BATCHES = math.ceil(QUEUE_DEPTH / BATCH) + 1
+_LAST_ARRIVALS = 0.5
 
 # Of ground truth and estimate.
 _Arrived = list[PoseSamples | None]
@@ -195,13 +201,17 @@ class Evaluator(Node):
         decoded = source.take()
         if decoded is None:
             return None
-        self._monitor.note_messages(topic, len(decoded.samples))
+        self._monitor.note_messages(topic, len(decoded.samples) + decoded.undecodable)
+        self._session.note_undecodable(topic, decoded.undecodable)
         self._jumps.stamps(topic, decoded.samples.stamps)
         return decoded.samples
 
     def _take_all(self) -> None:
-        """Empty the queues."""
-        while True:
+        """Empty the queues of what they hold by now."""
+        deadline = time.monotonic() + _LAST_ARRIVALS
+        batches = 0
+        while batches < _LAST_BATCHES or time.monotonic() < deadline:
+            batches += 1
             before = self._monitor.messages
             self._process()
             if self._monitor.messages == before:
@@ -210,8 +220,7 @@ class Evaluator(Node):
     def _feed(self, arrived: _Arrived, now: int | None) -> None:
         ground_truth, estimate = arrived
         self._session.feed(ground_truth, estimate)
-        newest = [int(each.stamps[-1]) for each in arrived if each is not None and len(each)]
-        self._stamp_clock.note(newest, now)
+        self._stamp_clock.note(self._session.newest_stamps(), now)
         self._publish(self._session.advance(self._stamp_clock.now(now)))
 
     def _publish(self, results: Results) -> None:
@@ -232,14 +241,13 @@ class Evaluator(Node):
         if stamp is None or not self._outputs.metrics_wanted:
             return
         begin = time.monotonic()
-        engine = self._session.engine
         if refresh or self._window is None:
-            statuses = flatten(engine.summary())
+            statuses = flatten(self._session.summary())
             self._window = (stamp, statuses["window"])
             cost = time.monotonic() - begin
             self._next_window = begin + min(cost / _SHARE, _LONGEST_WINDOW_PERIOD)
         else:
-            statuses = flatten(engine.figures())
+            statuses = flatten(self._session.figures())
         computed, window = self._window
         statuses["window"] = {**window, "age": repr((stamp - computed) / 1e9)}
         self._outputs.publish_metrics(stamp, {name: statuses[name] for name in STATUSES})
@@ -275,6 +283,8 @@ class Evaluator(Node):
         self._latest_evaluated = self._window = None
         self._metrics_due = False
         self._visualization.clear()
+        for each in (self._ground_truth, self._estimate):
+            each.reset()
         self._monitor.reset()
 
     def _save(self) -> str | None:

@@ -24,7 +24,7 @@ from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan
 # Long enough for the seconds that learning the hyperparameters or writing the report may take.
 QUEUE_DEPTH = 10_000
 # A batch; what is beyond it waits for the next one, so that a flood does not starve the services.
-_MOST_MESSAGES = 5_000
+BATCH = 5_000
 
 KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()}
 _RELIABILITY = {
@@ -58,7 +58,6 @@ class InputState:
     publishers: tuple[Endpoint, ...]
     plan: Plan
     lost: int
-    undecodable: int
     frame_changes: int
 
 
@@ -84,7 +83,6 @@ class Input:
         self._identities: list[tuple[int, ...]] = []
         self._sequence: int | None = None
         self._lost = 0
-        self._undecodable = 0
         self._frame_changes = 0
         self._frame: str | None = None
         self.child_frame = ""
@@ -98,7 +96,6 @@ class Input:
             self._publishers,
             self._plan,
             self._lost,
-            self._undecodable,
             self._frame_changes,
         )
 
@@ -127,6 +124,10 @@ class Input:
         self._plan = after
         if after.offer is not None and self._subscription is None:
             self._subscribe(after.offer)
+
+    def reset(self) -> None:
+        """A new run has begun."""
+        self._frame_changes = 0
 
     def _subscribe(self, offer: Offer) -> None:
         self._sequence = None
@@ -160,7 +161,6 @@ class Input:
         if not messages:
             return None
         decoded = decode(pose_type, messages)
-        self._undecodable += decoded.undecodable
         if len(decoded.samples):
             self._note_frames(decoded)
         return decoded
@@ -169,7 +169,7 @@ class Input:
         messages: list[bytes] = []
         with subscription.handle:
             take = subscription.handle.take_message
-            while len(messages) < _MOST_MESSAGES:
+            while len(messages) < BATCH:
                 taken = take(pose_type.message, True)
                 if taken is None:
                     break

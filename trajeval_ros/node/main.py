@@ -30,6 +30,11 @@ class Stop:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._request)
 
+    def over(self) -> None:
+        """All is done: Python takes our handlers away before it is gone itself."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
     def _request(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
 
@@ -52,7 +57,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             " 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces",
             WRONG_USAGE,
         )
-    return run(arguments, stop)
+    code = run(arguments, stop)
+    stop.over()
+    return code
 
 
 def fail(message: str, code: int) -> int:

@@ -37,6 +37,7 @@ class _Count:
         self.last: float | None = None
         self.before = 0
         self.lost_before = 0
+        self.frame_changes_before = 0
         self.rejected_before: Mapping[str, int] = {}
 
 
@@ -89,6 +90,7 @@ class Monitor:
         self._evaluated_before = 0
         for count in self._topics:
             count.rejected_before = {}
+            count.frame_changes_before = 0
 
     def publish(
         self, truth: InputState, estimate: InputState, sim_time: bool, now: int | None
@@ -96,7 +98,7 @@ class Monitor:
         """Publish the node's health of the period since the last call; ``now`` on the ROS clock."""
         steady, processor = time.monotonic(), time.process_time()
         period = max(steady - self._published, 1e-3)
-        health = self._session.engine.health()
+        health = self._session.health()
         values = self._session.engine.parameters
         statuses = [
             self._check_topic(0, truth, health.ground_truth, "used", period),
@@ -139,7 +141,9 @@ class Monitor:
             silence,
             rejected,
             state.lost - count.lost_before,
+            state.frame_changes - count.frame_changes_before,
         )
+        count.frame_changes_before = state.frame_changes
         count.before, count.lost_before = count.messages, state.lost
         count.rejected_before = dict(health.rejected)
         return check_topic(_TITLES[topic], state, health, traffic, used)

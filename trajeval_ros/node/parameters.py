@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -36,8 +36,8 @@ _TYPES = {
     tuple: ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
 
-Change = Callable[[str, Value], None]
-"""Puts a changed parameter into effect; raises ParameterError to refuse it."""
+Change = Callable[[Mapping[str, Value]], None]
+"""Puts changed parameters into effect; raises ParameterError, before any is, to refuse them."""
 
 
 def declare(node: Node) -> dict[str, Value]:
@@ -69,17 +69,24 @@ def declare(node: Node) -> dict[str, Value]:
 
 
 def watch(node: Node, change: Change) -> None:
-    """Let ``change`` answer every attempt to change a parameter of ours at run time."""
+    """Let ``change`` answer every attempt to change parameters of ours at run time."""
 
     def convert(parameters: list[RosParameter]) -> list[RosParameter]:
         return [_as_declared(parameter) for parameter in parameters]
 
     def answer(parameters: Iterable[RosParameter]) -> SetParametersResult:
-        ours = [(PARAMETERS[p.name], p.value) for p in parameters if p.name in PARAMETERS]
+        given = {parameter.name: parameter.value for parameter in parameters}
         try:
-            checked = [(each.name, each.validate(value)) for each, value in ours]
-            for name, value in checked:
-                change(name, value)
+            # rclpy refuses it only after us, when ours would be in effect.
+            if not isinstance(given.get("use_sim_time", False), bool):
+                raise ParameterError("use_sim_time must be a bool")
+            change(
+                {
+                    name: PARAMETERS[name].validate(value)
+                    for name, value in given.items()
+                    if name in PARAMETERS
+                }
+            )
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

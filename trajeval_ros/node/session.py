@@ -6,16 +6,21 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.online.engine import Engine
-from trajeval_ros.online.parameters import ParameterError, Value
-from trajeval_ros.online.results import Results
+from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value
+from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
 
 _FILES = ("summary.json", "poses.csv", "report.html")
+
+UNDECODABLE = "undecodable"
+"""Why a message is rejected that the engine never sees."""
 
 
 class Session:
@@ -33,6 +38,8 @@ class Session:
         self._directory = str(values["output.directory"])
         self._folder: OutputFolder | None = None
         self._finished_runs = 0
+        # Of ground truth and estimate.
+        self._undecodable = [0, 0]
         if self._directory:
             self._try_open()
 
@@ -52,6 +59,45 @@ class Session:
         if estimate is not None and len(estimate):
             self.engine.add_estimate(estimate)
             self._report.add_received(estimate=estimate.stamps)
+
+    def note_undecodable(self, topic: int, number: int) -> None:
+        """Messages that cannot be read came on topic 0 (ground truth) or 1 (estimate)."""
+        self._undecodable[topic] += number
+
+    def newest_stamps(self) -> list[int]:
+        """The newest stamps let in (ns), one a topic, on the ground truth's clock."""
+        health = self.engine.health()
+        offset = self.engine.parameters["estimate.time_offset"]
+        assert isinstance(offset, float)
+        truth, estimate = health.ground_truth.latest_stamp, health.estimate.latest_stamp
+        shifted = None if estimate is None else estimate + round(offset * 1e9)
+        return [stamp for stamp in (truth, shifted) if stamp is not None]
+
+    def health(self) -> Health:
+        """The engine's health, with the messages in it that could not be read."""
+        health = self.engine.health()
+        truth, estimate = self._undecodable
+        return replace(
+            health,
+            ground_truth=_with_undecodable(health.ground_truth, truth),
+            estimate=_with_undecodable(health.estimate, estimate),
+        )
+
+    def figures(self) -> dict[str, object]:
+        """The engine's figures, with the messages in them that could not be read."""
+        return self._accounted(self.engine.figures())
+
+    def summary(self) -> dict[str, object]:
+        """The engine's summary, with the messages in it that could not be read."""
+        return self._accounted(self.engine.summary())
+
+    def _accounted(self, figures: dict[str, Any]) -> dict[str, object]:
+        for topic, count in zip(("ground_truth", "estimate"), self._undecodable, strict=True):
+            if count:
+                account = figures[topic]
+                account["received"] += count
+                account["rejected"] = {**account["rejected"], UNDECODABLE: count}
+        return figures
 
     def advance(self, now: int | None) -> Results:
         """Evaluate what can be; ``now`` (ns) on the stamps' clock."""
@@ -85,8 +131,9 @@ class Session:
         if folder is None:
             assert self.error is not None
             raise OutputError(self.error)
+        causes = [asdict(cause) for cause in self._report.causes()]
         try:
-            folder.write(self.engine.summary(), self._report.render)
+            folder.write({**self.summary(), "likely_causes": causes}, self._report.render)
         except OutputError as error:
             self.error = str(error)
             raise
@@ -116,6 +163,7 @@ class Session:
     def reset(self) -> None:
         """Start over; files that are written stay until the next time they are."""
         self.engine.reset()
+        self._undecodable = [0, 0]
         self._report.clear()
         if self._folder is not None:
             try:
@@ -123,17 +171,23 @@ class Session:
             except OutputError as error:
                 self.error = str(error)
 
-    def change(self, name: str, value: Value) -> None:
-        """Put a changed parameter into effect.
+    def change(self, changes: Mapping[str, Value]) -> None:
+        """Put changed parameters into effect, all of them or none.
 
         Raises
         ------
         ParameterError
-            If it cannot be, an output folder that cannot be written included.
+            If they cannot be, an output folder that cannot be written included.
         """
-        if name == "output.directory":
-            self._move(str(value))
-        self.engine.set(name, value)
+        checked = {name: PARAMETERS[name].validate(value) for name, value in changes.items()}
+        for name in checked:
+            if not PARAMETERS[name].dynamic:
+                raise ParameterError(f"{name} is read-only while the node runs")
+        # The last that can fail.
+        if "output.directory" in checked:
+            self._move(str(checked["output.directory"]))
+        for name, value in checked.items():
+            self.engine.set(name, value)
 
     def _move(self, directory: str) -> None:
         try:
@@ -153,3 +207,10 @@ class Session:
         if self._folder is not None:
             self._folder.close()
             self._folder = None
+
+
+def _with_undecodable(health: TopicHealth, count: int) -> TopicHealth:
+    if not count:
+        return health
+    rejected = {**health.rejected, UNDECODABLE: count}
+    return replace(health, received=health.received + count, rejected=rejected)

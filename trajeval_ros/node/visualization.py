@@ -48,6 +48,11 @@ class _Lazy:
             self._publisher.publish(make())
         self._state = state
 
+    def clear(self, empty: object) -> None:
+        """Publish ``empty`` in place of what was there, also for those who come later."""
+        self._publisher.publish(empty)
+        self._state = (0, 0)
+
 
 class Visualization:
     """``~/ground_truth/path``, ``~/estimate/path`` and ``~/markers``."""
@@ -62,8 +67,7 @@ class Visualization:
             name: _Lazy(node.create_publisher(Path, f"~/{name}/path", _LATCHED))
             for name in ("ground_truth", "estimate")
         }
-        self._marker_publisher = node.create_publisher(MarkerArray, "~/markers", _LATCHED)
-        self._markers = _Lazy(self._marker_publisher)
+        self._markers = _Lazy(node.create_publisher(MarkerArray, "~/markers", _LATCHED))
 
     def add(self, results: Results, frame: str) -> None:
         """Take in what a batch brought; ``frame`` is the ground truth's."""
@@ -73,10 +77,13 @@ class Visualization:
             self._frame = frame
 
     def clear(self) -> None:
-        """Start over, and take the markers off the screen."""
+        """Start over, and take paths and markers off the screen."""
+        if self._trail.count:
+            for path in self._paths.values():
+                path.clear(Path(header=self._header(0)))
+        self._markers.clear(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
         self._trail.clear()
         self._alignment = None
-        self._marker_publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
 
     def publish_paths(self) -> None:
         """Publish both paths in the ground truth's frame."""

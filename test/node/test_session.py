@@ -1,0 +1,147 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run without ROS: what tells the time, the accounts, and changes of parameters."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import data
+import numpy as np
+import pytest
+
+from trajeval_ros.node.clock import StampClock
+from trajeval_ros.node.evaluator import Evaluator
+from trajeval_ros.node.session import Session
+from trajeval_ros.online.parameters import ParameterError, complete
+from trajeval_ros.online.samples import PoseSamples
+
+YEAR = 365 * 86_400 * data.SECOND
+SOURCES = {"ground truth": "/ground_truth", "estimate": "/estimate"}
+
+
+def session(**parameters: Any) -> Session:
+    given = {name.replace("__", "."): value for name, value in parameters.items()}
+    return Session(complete({"gp.hyperparameters": "fixed", **given}), SOURCES)
+
+
+def live(run: Session, truth: PoseSamples, estimate: PoseSamples, offset: int = 0) -> Any:
+    """Feed message by message as it comes, on time, and return the account before the end.
+
+    ``offset`` (ns) is how much later than its stamp, on the ROS clock, an estimate comes.
+    """
+    clock = StampClock()
+    due = np.concatenate([truth.stamps, estimate.stamps + offset])
+    # A stray stamp comes between its neighbours, not in a year.
+    due = np.where(due > due[0] + YEAR // 2, np.roll(due, 1) + 1, due)
+    for i in np.argsort(due, kind="stable").tolist():
+        now = int(due[i]) + 5 * data.SECOND
+        k = i - len(truth)
+        if k < 0:
+            run.feed(truth[i : i + 1], None)
+        else:
+            run.feed(None, estimate[k : k + 1])
+        clock.note(run.newest_stamps(), now)
+        run.advance(clock.now(now))
+    return run.summary()["estimate"]
+
+
+@pytest.mark.parametrize("stray", [0, 1])
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_a_stamp_from_the_future_does_not_decide_slow_estimates(stray: int, rate: float) -> None:
+    parameters = {"ground_truth__max_gap": 2.0}
+    truth, estimate = data.run(40.0, ground_truth_rate=rate, estimate_rate=rate)
+    good = live(session(**parameters), truth, estimate)
+    assert good["evaluated"] > 30
+    streams = [truth, estimate]
+    stamps = streams[stray].stamps.copy()
+    stamps[len(stamps) // 2] += YEAR
+    streams[stray] = replace(streams[stray], stamps=stamps)
+    run = session(**parameters)
+    account = live(run, *streams)
+    rejected = run.summary()[("ground_truth", "estimate")[stray]]["rejected"]
+    assert rejected == {"stamp_jump": 1}
+    assert account["evaluated"] == good["evaluated"] - stray
+
+
+@pytest.mark.parametrize("offset", [-3600, 3600])
+def test_the_time_is_that_of_the_ground_truth(offset: int) -> None:
+    truth, estimate = data.run(10.0)
+    moved = replace(estimate, stamps=estimate.stamps - offset * data.SECOND)
+    run = session(estimate__time_offset=float(offset))
+    account = live(run, truth, moved, offset * data.SECOND)
+    assert account["evaluated"] == live(session(), truth, estimate)["evaluated"] > 0
+    assert run.newest_stamps() == [truth.stamps[-1], estimate.stamps[-1]]
+
+
+def test_what_cannot_be_read_is_in_the_accounts() -> None:
+    run = session()
+    truth, estimate = data.run(3.0)
+    run.feed(truth, estimate)
+    run.note_undecodable(0, 1)
+    run.note_undecodable(1, 2)
+    summary: Any = run.summary()
+    health = run.health()
+    for account, topic, samples, count in (
+        (summary["ground_truth"], health.ground_truth, truth, 1),
+        (summary["estimate"], health.estimate, estimate, 2),
+    ):
+        assert account["received"] == topic.received == len(samples) + count
+        assert account["rejected"] == topic.rejected == {"undecodable": count}
+    run.reset()
+    assert run.health().estimate.received == 0
+    assert run.summary()["estimate"]["rejected"] == {}
+
+
+def test_a_change_is_whole_or_not_at_all(tmp_path: Path) -> None:
+    run = session(output__directory=str(tmp_path / "old"))
+    before = run.engine.parameters
+    (tmp_path / "file").write_text("in the way")
+    for changes in (
+        {"output.directory": str(tmp_path / "new"), "window.duration": -1.0},
+        {"output.directory": str(tmp_path / "new"), "gauge": "none"},
+        {"window.duration": 7.0, "output.directory": str(tmp_path / "file" / "out")},
+    ):
+        with pytest.raises(ParameterError):
+            run.change(changes)
+        assert run.engine.parameters == before
+    assert not (tmp_path / "new").exists()
+    assert run.save() == tmp_path / "old"
+    run.change({"window.duration": 7.0, "output.directory": str(tmp_path / "new")})
+    assert run.engine.parameters["window.duration"] == 7.0
+    assert run.save() == tmp_path / "new"
+    run.close()
+
+
+def test_likely_causes_are_saved(tmp_path: Path) -> None:
+    run = session(output__directory=str(tmp_path))
+    truth, estimate = data.run(30.0)
+    # w before x, y, z.
+    shuffled = replace(estimate, quaternions=np.roll(estimate.quaternions, 1, axis=1))
+    run.feed(truth, shuffled)
+    run.finish()
+    run.save()
+    causes = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["likely_causes"]
+    assert causes
+    assert all(set(cause) == {"code", "text", "advice"} for cause in causes)
+    run.close()
+
+
+# Fast batches for half a second, slow ones until the queue must be empty.
+@pytest.mark.parametrize(("seconds", "longest"), [(0.001, 0.8), (0.3, 1.2)])
+def test_the_end_does_not_wait_for_publishers_that_go_on(seconds: float, longest: float) -> None:
+    monitor = SimpleNamespace(messages=0)
+
+    def process() -> None:
+        monitor.messages += 5_000
+        time.sleep(seconds)
+
+    begin = time.monotonic()
+    Evaluator._take_all(SimpleNamespace(_monitor=monitor, _process=process))
+    assert monitor.messages >= 10_000
+    assert time.monotonic() - begin < longest
