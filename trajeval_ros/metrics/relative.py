@@ -124,7 +124,7 @@ def block_bandwidth(covariance: Array | FactorRows) -> int:
     """The p of `covariance_blocks`; 0 for the rows of a factor, which know theirs."""
     if isinstance(covariance, FactorRows) or covariance.ndim == 3:
         return 0
-    return covariance.shape[1] - 1
+    return int(covariance.shape[1]) - 1
 
 
 def joined_blocks(first: Array | FactorRows, second: Array | FactorRows) -> Array | FactorRows:

@@ -170,7 +170,8 @@ class Engine:
         if now is not None:
             certain = now - self._nanoseconds("max_wait")
             self._append_ground_truth(self._samples.confirm(certain))
-            self._append_estimates(self._estimates.confirm(certain))
+            offset = self._nanoseconds("estimate.time_offset")
+            self._append_estimates(self._estimates.confirm(certain - offset))
             self._give_up(now)
         results = self._evaluate(self._answerable(now))
         self._forget()
