@@ -27,7 +27,7 @@ from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.schedule import Schedule, merge
 from trajeval_ros.files.trajectory import Trajectory
-from trajeval_ros.node.errors import first_line
+from trajeval_ros.rcl_errors import first_line
 
 SECOND = 1_000_000_000
 
