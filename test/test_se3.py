@@ -538,3 +538,18 @@ def test_poses_of_different_batch_shapes_broadcast() -> None:
     ).all()
     assert se3.from_position_quaternion(position, [0.0, 0.0, 0.0, 2.0]).shape == (4, 1, 4, 4)
     assert se3.covariance_to_fixed_axes(np.eye(6)[None], first).shape == (4, 1, 6, 6)
+
+
+def test_covariance_in_fixed_axes_is_that_of_drawn_poses():
+    """Monte Carlo: position and small rotation vector about the parent's axes, as ROS has them."""
+    rng = np.random.default_rng(3)
+    pose = se3.exp(np.array([0.4, -1.0, 2.0, 0.9, -0.5, 1.3]))
+    root = rng.normal(size=(6, 6)) * np.repeat([0.02, 0.01], 3)
+    drawn = pose @ se3.exp(rng.normal(size=(200_000, 6)) @ root)
+    turned = se3.log_so3(drawn[:, :3, :3] @ pose[:3, :3].T)
+    seen = np.cov(np.concatenate([drawn[:, :3, 3] - pose[:3, 3], turned], axis=-1).T)
+    expected = se3.covariance_to_fixed_axes(root.T @ root, pose)
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        seen / np.outer(size, size), expected / np.outer(size, size), atol=0.02
+    )
