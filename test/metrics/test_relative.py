@@ -119,12 +119,14 @@ def test_steps_sum_to_the_total():
 def test_worlds_and_body_frames_do_not_matter(problem, seed):
     ground_truth, covariance, estimate = problem
     a, b, body = se3.exp(np.random.default_rng(seed).normal(size=(3, 6)))
+    # The window's log-determinant is as good as the factor of the explicit Q V Q^T: 1e-8 of itself
+    # with covariances eight orders of magnitude apart.
     expected = relative(*problem)
     moved = relative(a @ ground_truth, covariance, b @ estimate)
-    assert moved.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-9, abs=1e-6)
+    assert moved.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-8, abs=1e-5)
     adjoint = se3.adjoint(se3.inverse(body))
     turned = relative(ground_truth @ body, adjoint @ covariance @ adjoint.T, estimate @ body)
-    assert turned.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-9, abs=1e-6)
+    assert turned.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-8, abs=1e-5)
 
 
 @FEW

@@ -12,6 +12,7 @@ from twins.runs import FIXED, SECOND, Run, balance, handed_over, poses_of, simul
 
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.intake import LEAP
 
 LAG = 3 * SECOND // 10
 
@@ -73,6 +74,9 @@ def test_samples_that_come_before_it_is_evaluated_change_nothing(index, more):
     i = int(np.searchsorted(evaluations["stamps"], run.estimate.stamps[index]))
     if i >= len(evaluations["stamps"]) or evaluations["stamps"][i] != run.estimate.stamps[index]:
         return  # in the gap
+    last = completing(run, run.estimate.stamps[index]) + more
+    if run.ground_truth.stamps[last] - run.ground_truth.stamps[last - 1] > LEAP:
+        return  # that sample is held back, until the next one tells that time went on
     engine = Engine(FIXED)
     engine.add_estimate(run.estimate[index - 1 : index + 1])
     engine.add_ground_truth(

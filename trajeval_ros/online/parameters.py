@@ -303,10 +303,11 @@ def complete(values: Mapping[str, object]) -> dict[str, Value]:
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")
     if merged["gp.hyperparameters"] == "fixed":
         for group in ("translation", "rotation"):
-            signal, noise = merged[f"gp.{group}.signal_std"], merged[f"gp.{group}.noise_std"]
-            if noise < _LEAST_NOISE * signal:  # type: ignore[operator]
-                raise ParameterError(
-                    f"gp.{group}.noise_std must be at least {_LEAST_NOISE:g} of "
-                    f"gp.{group}.signal_std, got {noise!r} and {signal!r}"
-                )
+            for part in ("signal_std", "rough_std", "correlated_noise_std"):
+                signal, noise = merged[f"gp.{group}.{part}"], merged[f"gp.{group}.noise_std"]
+                if noise < _LEAST_NOISE * signal:  # type: ignore[operator]
+                    raise ParameterError(
+                        f"gp.{group}.noise_std must be at least {_LEAST_NOISE:g} of "
+                        f"gp.{group}.{part}, got {noise!r} and {signal!r}"
+                    )
     return merged
