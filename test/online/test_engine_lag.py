@@ -75,6 +75,7 @@ def test_samples_that_come_before_it_is_evaluated_change_nothing(index, more):
     if i >= len(evaluations["stamps"]) or evaluations["stamps"][i] != run.estimate.stamps[index]:
         return  # in the gap
     last = completing(run, run.estimate.stamps[index]) + more
+    last = min(last, len(run.ground_truth.stamps) - 1)
     if run.ground_truth.stamps[last] - run.ground_truth.stamps[last - 1] > LEAP:
         return  # that sample is held back, until the next one tells that time went on
     engine = Engine(FIXED)
