@@ -3,7 +3,7 @@
 """The live view, without a node."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trajeval_ros.commands.live import TRENDS, Health, PlainView, State, render, sparkline
@@ -24,6 +24,7 @@ def running() -> State:
     return state
 
 
+@example([0.0, 2.3e-308], 2)
 @given(st.lists(st.floats(-1e12, 1e12), min_size=1, max_size=300), st.integers(1, 60))
 def test_sparkline_spans_its_bars(values: list[float], width: int) -> None:
     line = sparkline(values, width)

@@ -71,8 +71,9 @@ def sparkline(values: Sequence[float], width: int) -> str:
     shown = [values[round(index * step)] for index in range(count)]
     shown[-1] = values[-1]
     low, high = min(shown), max(shown)
-    scale = (len(_BARS) - 1) / (high - low) if high > low else 0.0
-    return "".join(_BARS[round((value - low) * scale)] for value in shown)
+    # A share of the range, and not the range's reciprocal, which a tiny range makes infinite.
+    shares = [(value - low) / (high - low) if high > low else 0.0 for value in shown]
+    return "".join(_BARS[round(share * (len(_BARS) - 1))] for share in shares)
 
 
 class View(Protocol):
