@@ -211,6 +211,24 @@ def test_bytes_that_are_no_message(rig: Rig) -> None:
     rig.graph.until_health("estimate", "messages/s", level=0)
 
 
+def test_a_likely_cause_is_said_while_the_run_goes_on(rig: Rig) -> None:
+    truth, estimate = rig.messages()
+    for message in estimate:
+        turned = message.pose.orientation
+        turned.x, turned.y, turned.z, turned.w = turned.w, turned.x, turned.y, turned.z
+    rig.play(truth, estimate)
+    status = rig.graph.until_health("consistency", "in the order w x y z", level=1)
+    values = values_of(status)
+    assert "of the rotation is unexplained" in values["likely_cause_quaternion_order"]
+    assert values["advice_quaternion_order"] == "write the estimate's quaternions as x y z w"
+    rig.graph.until(lambda: "likely cause: the estimate's" in rig.node.output, "a line in the log")
+    # Mended: saving looks for causes again, and the diagnostics after it say what it found.
+    assert rig.play(*rig.messages())["likely_causes"] == []
+    rig.graph.received["/diagnostics"].clear()
+    status = rig.graph.until_health("consistency", "consistent", level=0)
+    assert not [key for key in values_of(status) if key.startswith(("likely_cause", "advice"))]
+
+
 @pytest.mark.parametrize("alone", ["ground_truth", "estimate"])
 def test_one_topic_only(rig: Rig, alone: str) -> None:
     truth, estimate = rig.messages()

@@ -26,6 +26,7 @@ from trajeval_ros.node.discovery import Endpoint, Offer, Plan
 from trajeval_ros.node.figures import STATUSES, flatten
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.online.results import Health, TopicHealth
+from trajeval_ros.report.causes import Cause
 
 SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND
@@ -142,6 +143,21 @@ def test_consistency() -> None:
     assert "learning" in check_consistency(HEALTH).message
     assert check_consistency(replace(HEALTH, consistency=1e-12)).level == Level.OK
     assert check_consistency(replace(HEALTH, consistency=1e-3)).level == Level.WARN
+
+
+def test_likely_causes_are_said_with_evidence_and_advice() -> None:
+    causes = (
+        Cause("millimetres", "the estimate is in millimetres: ...", "divide by 1000"),
+        Cause("clock_offset", "the estimate's clock is off", "set estimate.time_offset=0.1"),
+    )
+    status = check_consistency(HEALTH, causes)
+    assert status.level == Level.WARN
+    assert status.message == (
+        "likely cause: the estimate is in millimetres: .... To try: divide by 1000.; "
+        "likely cause: the estimate's clock is off. To try: set estimate.time_offset=0.1."
+    )
+    assert status.values["likely_cause_millimetres"] == causes[0].text
+    assert status.values["advice_clock_offset"] == causes[1].advice
 
 
 def test_performance() -> None:

@@ -127,8 +127,11 @@ def test_likely_causes_are_saved(tmp_path: Path) -> None:
     run.finish()
     run.save()
     causes = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["likely_causes"]
-    assert causes
+    assert [cause["code"] for cause in causes] == ["quaternion_order"]
     assert all(set(cause) == {"code", "text", "advice"} for cause in causes)
+    assert [cause.code for cause in run.causes] == ["quaternion_order"]
+    run.reset()
+    assert run.causes == ()
     run.close()
 
 

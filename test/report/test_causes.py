@@ -100,6 +100,15 @@ def test_a_wrong_size(truth: float, other: float, code: str, said: str) -> None:
     assert check(*poses, gauge="sim3") == ()
 
 
+def test_the_scale_of_a_short_run_wanders() -> None:
+    poses = motion(SECONDS), scaled(estimate(), 1.2)
+    assert named(check(*poses)) == ["scale"]
+    short = SECONDS < 15.0
+    assert likely_causes(STAMPS[short], poses[0][short], poses[1][short], "se3") == ()
+    gross = motion(SECONDS)[short], scaled(estimate(), 2.0)[short]
+    assert named(likely_causes(STAMPS[short], *gross, "se3")) == ["scale"]
+
+
 @pytest.mark.parametrize("offset", [0.3, -0.3, 0.5, -1.7])
 def test_a_clock_offset_and_the_parameter_that_undoes_it(offset: float) -> None:
     # stamped `offset` late: where it says t it means t - offset
@@ -138,6 +147,30 @@ def test_no_clock_offset_from_an_estimate_with_holes() -> None:
     ],
 )
 def test_no_false_alarm_on_real_pairs(directory: str, name: str, expected: list[str]) -> None:
+    assert named(likely_causes(*real_pair(directory, name), "se3")) == expected
+
+
+@pytest.mark.parametrize(
+    ("directory", "name"),
+    [
+        ("tum_fr1_xyz", "rgbdslam"),
+        ("tum_fr2_desk", "orb"),
+        ("euroc_v102", "estimate"),
+        ("euroc_mh04", "pl_vio"),
+        ("euroc_mh04", "vins_mono"),
+        ("kitti_00", "orb"),
+    ],
+)
+def test_no_false_alarm_in_a_part_of_a_real_pair(directory: str, name: str) -> None:
+    stamps, truth, other = real_pair(directory, name)
+    for seconds in (2, 5, 8, 13, 16):
+        for begin in range(int(stamps[0]), int(stamps[-1]), 5 * SECOND):
+            part = (stamps >= begin) & (stamps < begin + seconds * SECOND)
+            assert likely_causes(stamps[part], truth[part], other[part], "se3") == ()
+
+
+def real_pair(directory: str, name: str) -> tuple[npt.NDArray[np.int64], Array, Array]:
+    """Stamps, ground truth and estimate, associated by the nearest stamp."""
     paths = [DATA / directory / f"{each}.txt" for each in ("groundtruth", name)]
     if not all(path.is_file() for path in paths):
         pytest.skip(f"the real data is not here: {paths[0].parent}")
@@ -145,8 +178,8 @@ def test_no_false_alarm_on_real_pairs(directory: str, name: str, expected: list[
     nearest = np.searchsorted(truth.stamps, other.stamps).clip(1, len(truth) - 1)
     nearest -= other.stamps - truth.stamps[nearest - 1] < truth.stamps[nearest] - other.stamps
     near = np.abs(truth.stamps[nearest] - other.stamps) < SECOND // 100
-    poses = [
+    known, scored = [
         se3.from_position_quaternion(each.positions[rows], each.quaternions[rows])
         for each, rows in ((truth, nearest[near]), (other, near))
     ]
-    assert named(likely_causes(other.stamps[near], *poses, "se3")) == expected
+    return other.stamps[near], known, scored

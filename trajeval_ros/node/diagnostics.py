@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import IntEnum
@@ -12,6 +12,7 @@ from enum import IntEnum
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.node.session import UNDECODABLE
 from trajeval_ros.online.results import Health, TopicHealth
+from trajeval_ros.report.causes import Cause
 
 _SECOND = 1_000_000_000
 _SILENCE = 5.0
@@ -218,9 +219,13 @@ def check_clock(clock: ClockState, health: Health) -> Status:
     return merge("clock", findings, "running", values)
 
 
-def check_consistency(health: Health) -> Status:
-    """Whether the two likelihoods that must agree do, and the ground truth is modelled yet."""
-    findings = []
+def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
+    """Whether estimate and ground truth mean the same, and the computation agrees with itself.
+
+    ``causes`` are what is likely wrong with the data. First-order AE must be RE, and until the
+    hyperparameters are known nothing is evaluated.
+    """
+    findings = [Finding(Level.WARN, cause.sentence) for cause in causes]
     if health.consistency is not None and health.consistency > _CONSISTENT:
         findings.append(
             Finding(
@@ -233,6 +238,8 @@ def check_consistency(health: Health) -> Status:
         "segments": health.segments,
         "relative_difference": health.consistency,
         "hyperparameters": "known" if learned else "learning",
+        **{f"likely_cause_{cause.code}": cause.text for cause in causes},
+        **{f"advice_{cause.code}": cause.advice for cause in causes},
     }
     return merge(
         "consistency",

@@ -35,6 +35,7 @@ _LONGEST_WINDOW_PERIOD = 2.0
 _QUIET = 0.5
 _DISCOVERY_PERIOD = 0.2
 _DIAGNOSTICS_PERIOD = 1.0
+_CAUSES_PERIOD = 5.0
 _PATH_PERIOD = 1.0
 _MARKER_PERIOD = 0.2
 # What a subscriber may take at shutdown, s.
@@ -79,6 +80,7 @@ class Evaluator(Node):
         self._jumps = JumpDetector()
         self._sieve: LeftOver | None = None
         self._latest_evaluated: int | None = None
+        self._causes_said: set[str] = set()
         self._metrics_due = False
         self._window: tuple[int, dict[str, str]] | None = None
         self._next_batch = self._next_window = 0.0
@@ -88,6 +90,7 @@ class Evaluator(Node):
             (
                 (_BATCH_PERIOD, self._on_batch),
                 (_DISCOVERY_PERIOD, self._on_discovery),
+                (_CAUSES_PERIOD, self._on_causes),
                 (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
                 (_PATH_PERIOD, self._visualization.publish_paths),
                 (_MARKER_PERIOD, self._visualization.publish_markers),
@@ -138,6 +141,13 @@ class Evaluator(Node):
         self._monitor.publish(
             self._ground_truth.state, self._estimate.state, self._sim_time, self._ros_now()
         )
+
+    def _on_causes(self) -> None:
+        self._session.look_for_causes()
+        for cause in self._session.causes:
+            if cause.code not in self._causes_said:
+                self._causes_said.add(cause.code)
+                self.get_logger().warning(cause.sentence)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._process()
@@ -281,6 +291,7 @@ class Evaluator(Node):
         self._stamp_clock = StampClock()
         self._jumps.forget_stamps()
         self._latest_evaluated = self._window = None
+        self._causes_said.clear()
         self._metrics_due = False
         self._visualization.clear()
         for each in (self._ground_truth, self._estimate):

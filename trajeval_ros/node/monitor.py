@@ -112,7 +112,7 @@ class Monitor:
                 ),
             ),
             check_clock(self._clock_state(sim_time, now, steady), health),
-            check_consistency(health),
+            check_consistency(health, self._session.causes),
             check_performance(
                 Load(
                     processor=(processor - self._processor) / period,

@@ -16,6 +16,7 @@ from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
+from trajeval_ros.report.causes import Cause
 
 _FILES = ("summary.json", "poses.csv", "report.html")
 
@@ -38,6 +39,8 @@ class Session:
         self._directory = str(values["output.directory"])
         self._folder: OutputFolder | None = None
         self._finished_runs = 0
+        self._causes: tuple[Cause, ...] = ()
+        self._examined = 0
         # Of ground truth and estimate.
         self._undecodable = [0, 0]
         if self._directory:
@@ -82,6 +85,17 @@ class Session:
             ground_truth=_with_undecodable(health.ground_truth, truth),
             estimate=_with_undecodable(health.estimate, estimate),
         )
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """What is likely wrong with the data, as far as `look_for_causes` has seen."""
+        return self._causes
+
+    def look_for_causes(self) -> None:
+        """Look at the run so far, if it has gone on since: 40 ms at the most, however long."""
+        evaluated = self.engine.health().estimate.used
+        if evaluated != self._examined:
+            self._causes, self._examined = self._report.causes(), evaluated
 
     def figures(self) -> dict[str, object]:
         """The engine's figures, with the messages in them that could not be read."""
@@ -131,7 +145,8 @@ class Session:
         if folder is None:
             assert self.error is not None
             raise OutputError(self.error)
-        causes = [asdict(cause) for cause in self._report.causes()]
+        self.look_for_causes()
+        causes = [asdict(cause) for cause in self._causes]
         try:
             folder.write({**self.summary(), "likely_causes": causes}, self._report.render)
         except OutputError as error:
@@ -164,6 +179,7 @@ class Session:
         """Start over; files that are written stay until the next time they are."""
         self.engine.reset()
         self._undecodable = [0, 0]
+        self._causes, self._examined = (), 0
         self._report.clear()
         if self._folder is not None:
             try:
