@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from twins import gp_twin
 
-from trajeval_ros.ground_truth.hyperparameters import Component
-from trajeval_ros.ground_truth.learning import Record, learn, log_likelihood, log_posterior
+from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM, Component
+from trajeval_ros.ground_truth.learning import Posterior, learn, maximum
+from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import MODELS, Grid
 
 NAMES = {
@@ -19,11 +20,14 @@ NAMES = {
 def records(seed=0, segments=4, count=25, interval=0.1):
     rng = np.random.default_rng(seed)
     found = []
-    for _ in range(segments):
-        times = np.cumsum(rng.uniform(0.5, 1.5, count)) * interval
+    for segment in range(segments):
+        samples = count - segment  # of different lengths
+        times = np.cumsum(rng.uniform(0.5, 1.5, samples)) * interval
         phase = rng.uniform(0.0, 6.0, 3)
-        values = np.sin(times[:, None] * [1.0, 1.7, 2.3] + phase) + rng.normal(0, 2e-3, (count, 3))
-        found.append(Record(times - times[0], values - values[0], rng.uniform(0, 1e-6, count)))
+        values = np.sin(times[:, None] * [1.0, 1.7, 2.3] + phase) + rng.normal(
+            0, 2e-3, (samples, 3)
+        )
+        found.append(Record(times - times[0], values - values[0], rng.uniform(0, 1e-6, samples)))
     return found
 
 
@@ -42,7 +46,7 @@ def test_likelihood_is_the_dense_one(name):
         gp_twin.log_likelihood(NAMES[name], components, 3e-3, r.times, r.values, r.variances)
         for r in data
     )
-    assert log_likelihood(model.kernels, natural, data)[0] == pytest.approx(expected, rel=1e-9)
+    assert Likelihood(model.kernels, data)(natural)[0] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -53,13 +57,38 @@ def test_gradient_is_the_finite_difference(name, seed):
     theta = model.starts(grid)[seed] + np.random.default_rng(seed).normal(
         0.0, 0.3, len(model.starts(grid)[0])
     )
-    _, gradient = log_posterior(model, grid, theta, data)
+    posterior = Posterior(model, grid, data)
+    _, gradient = posterior(theta)
     for i, slope in enumerate(gradient):
         step = np.zeros_like(theta)
         step[i] = 1e-5
-        high = log_posterior(model, grid, theta + step, data)[0]
-        low = log_posterior(model, grid, theta - step, data)[0]
+        high, low = posterior(theta + step)[0], posterior(theta - step)[0]
         assert slope == pytest.approx((high - low) / 2e-5, rel=2e-5, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_information_is_the_mean_square_of_the_gradient(name):
+    model, template = MODELS[name], records(segments=1, count=14)[0]
+    natural = np.log([0.3, 0.7] * len(model.kernels) + [0.1])
+    components = [Component(0.3, 0.7)] * len(model.kernels)
+    covariance = gp_twin.kernel(NAMES[name], components, template.times, template.times)
+    covariance += np.diag(0.1**2 + template.variances)
+    rng = np.random.default_rng(2)
+    shape = (4000, *template.values.shape)
+    drawn = np.linalg.cholesky(covariance) @ rng.normal(size=shape)
+    scale = DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, size=(len(drawn), 1, 1))
+    gradients = np.array(
+        [
+            Likelihood(model.kernels, [Record(template.times, x, template.variances)])(natural)[1]
+            for x in np.sqrt(scale) * drawn
+        ]
+    )
+    found = Likelihood(model.kernels, [template]).information(natural)
+    unit = np.sqrt(np.diag(found))
+    mean_square = gradients.T @ gradients / len(gradients)
+    np.testing.assert_allclose(
+        mean_square / unit / unit[:, None], found / unit / unit[:, None], atol=0.1
+    )
 
 
 def test_learns_what_the_data_were_drawn_from():
@@ -108,10 +137,27 @@ def test_search_near_the_last_answer_finds_no_worse_one():
     again = learn(model, data, 1e-5, 2e-3, before=first[1])
     assert again is not None
     floored = [Record(r.times, r.values, r.variances + 1e-10) for r in data]
-    better = log_posterior(model, grid, again[1], floored)[0]
-    assert better >= log_posterior(model, grid, first[1], floored)[0]
+    posterior = Posterior(model, grid, floored)
+    # What is learned is rounded, so that the highest may be missed by so much.
+    assert posterior(again[1])[0] >= posterior(first[1])[0] - 1e-2
 
 
 def test_three_samples_teach_nothing():
     short = [Record(r.times[:3], r.values[:3], r.variances[:3]) for r in records()]
     assert learn(MODELS["matern52"], short, 1e-5, 2e-3) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_search_ends_where_the_slope_vanishes(seed):
+    model, data = MODELS["matern52"], records(seed, segments=6)
+    grid = grid_of(data)
+    bounds = np.array(model.bounds(grid))
+    posterior = Posterior(model, grid, data)
+    found = maximum(posterior, np.clip(model.starts(grid)[0], *bounds.T), bounds)
+    inside = (found.theta > bounds[:, 0]) & (found.theta < bounds[:, 1])
+    # Half of gᵀ C⁻¹ g is what the next step could gain, nats.
+    curvature = posterior.curvature(found.theta)[np.ix_(inside, inside)]
+    gradient = found.gradient[inside]
+    assert 0.5 * gradient @ np.linalg.solve(curvature, gradient) < 1e-2
+    assert (found.gradient[found.theta <= bounds[:, 0]] <= 0.0).all()
+    assert (found.gradient[found.theta >= bounds[:, 1]] >= 0.0).all()

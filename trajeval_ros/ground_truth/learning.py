@@ -2,16 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hyperparameters by maximum a posteriori, one set for many segments.
 
-The likelihood of a segment has its constant mean and its scale integrated out: with
-``Π = K⁻¹ - K⁻¹ 1 (1ᵀ K⁻¹ 1)⁻¹ 1ᵀ K⁻¹``, n samples of c coordinates, ``q = tr(xᵀ Π x)``,
-``d = c (n - 1)`` and ν degrees of freedom, it is a multivariate Student t,
-
-    log p = log Γ((ν + d)/2) - log Γ(ν/2) - d/2 log(νπ)
-            - ½ c (log|K| + log 1ᵀ K⁻¹ 1) - ½ (ν + d) log(1 + q/ν),
-    ∂ log p/∂θ = ½ tr((w Π x xᵀ Π - c Π) ∂K/∂θ),   w = (ν + d)/(ν + q)
-
-(``docs/method.md``, Ground truth). One segment with a motion of its own, or with an outlier, does
-not carry the others away.
+The maximum is sought by Fisher scoring, Newton's method with the expected curvature in place of the
+actual one, damped after Levenberg and Marquardt.
 """
 
 from __future__ import annotations
@@ -22,102 +14,92 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
-from scipy.optimize import minimize
 
-from trajeval_ros.ground_truth.hyperparameters import (
-    DEGREES_OF_FREEDOM,
-    Component,
-    GroupHyperparameters,
-)
-from trajeval_ros.ground_truth.kernels import Kernel
+from trajeval_ros.ground_truth.hyperparameters import Component, GroupHyperparameters
+from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import Grid, Model
 
 Array = npt.NDArray[np.float64]
 
-# Stands for minus infinity, which the search cannot do with.
-_IMPOSSIBLE = 1e10
 # The posterior has several maxima: the best of so many searches is taken.
 _SEARCHES = 2
-_MAX_ITERATIONS = 80
+# A search ends when a step gains less than this (nats), or after so many steps.
+_LEAST_GAIN = 1e-3
+_MAX_STEPS = 50
+# No parameter, a logarithm, changes more than this in one step.
+_LONGEST_STEP = 2.0
+_DAMPING = (1e-6, 1e6)
+# The curvature need not be exact: so many records tell it for all.
+_CURVATURE_RECORDS = 4
 # What is found is rounded to so many decimals of its logarithms, a tenth of a per cent: the data
 # say no more, and the search amplifies the last digit of its arithmetic.
 _DECIMALS = 3
 
 
+class Posterior:
+    """The log-posterior of a model's parameters θ (p,) given records."""
+
+    def __init__(self, model: Model, grid: Grid, records: Sequence[Record]) -> None:
+        """Take at least one record."""
+        self._model = model
+        self._grid = grid
+        self._likelihood = Likelihood(model.kernels, records)
+        some = records[:: -(-len(records) // _CURVATURE_RECORDS)]
+        self._share = len(records) / len(some)
+        self._likelihood_of_some = Likelihood(model.kernels, some)
+
+    def __call__(self, theta: Array) -> tuple[float, Array]:
+        """Return the log-posterior, up to a constant, and its gradient (p,)."""
+        natural, jacobian = self._model.natural(theta, self._grid)
+        value, gradient = self._likelihood(natural)
+        prior, slope, _ = self._model.log_prior(theta, self._grid)
+        return value + prior, jacobian.T @ gradient + slope
+
+    def curvature(self, theta: Array) -> Array:
+        """Return about the negative expected second derivative, where it is finite; (p, p)."""
+        natural, jacobian = self._model.natural(theta, self._grid)
+        information = self._share * self._likelihood_of_some.information(natural)
+        *_, prior = self._model.log_prior(theta, self._grid)
+        return np.asarray(jacobian.T @ information @ jacobian + np.diag(prior))
+
+
 @dataclass(frozen=True, slots=True)
-class Record:
-    """What one segment gives to learn from.
-
-    ``times`` (n,) s; ``values`` (n, c); ``variances`` (n,), known ones that add to the noise.
-    """
-
-    times: Array
-    values: Array
-    variances: Array
+class _Point:
+    theta: Array
+    value: float
+    gradient: Array
 
 
-def log_likelihood(
-    kernels: tuple[Kernel, ...], log_parameters: Array, records: Sequence[Record]
-) -> tuple[float, Array]:
-    """Return the sum of the records' log-likelihoods, and its gradient.
-
-    ``log_parameters`` (2k + 1,): log σ and log l of each of k kernels, and at last log n.
-    """
-    signals, lengths = np.exp(log_parameters[:-1:2]), np.exp(log_parameters[1:-1:2])
-    noise = math.exp(log_parameters[-1]) ** 2
-    value, gradient = 0.0, np.zeros(len(log_parameters))
-    for record in records:
-        apart = np.abs(record.times[:, None] - record.times)
-        parts = [
-            tuple(s**2 * values for values in k.with_slope(apart / length))
-            for k, s, length in zip(kernels, signals, lengths, strict=True)
-        ]
-        covariance = np.add.reduce([part for part, _ in parts])
-        covariance.flat[:: len(apart) + 1] += noise + record.variances
-        term, outer = _record_likelihood(covariance, record)
-        value += term
-        slopes = [np.vdot(outer, m) for part, slope in parts for m in (part, 0.5 * slope)]
-        gradient += [*slopes, noise * np.trace(outer)]
-    return value, gradient
+def maximum(posterior: Posterior, start: Array, bounds: Array) -> _Point:
+    """Climb from ``start`` (p,) to a maximum within ``bounds`` (p, 2)."""
+    point = _Point(start, *posterior(start))
+    damping = 1e-2
+    for _ in range(_MAX_STEPS):
+        curvature = posterior.curvature(point.theta)
+        gain = 0.0
+        while gain <= 0.0 and damping < _DAMPING[1]:
+            theta = _step(point, curvature, damping, bounds)
+            value, gradient = posterior(theta)
+            gain = value - point.value
+            damping = max(damping / 10.0, _DAMPING[0]) if gain > 0.0 else damping * 10.0
+        if gain > 0.0:
+            point = _Point(theta, value, gradient)
+        if gain < _LEAST_GAIN:
+            break
+    return point
 
 
-def _record_likelihood(covariance: Array, record: Record) -> tuple[float, Array]:
-    """Return a record's log-likelihood and ``w Π x xᵀ Π - c Π``; (n, n)."""
-    count, coordinates = record.values.shape
-    lower, info = lapack.dpotrf(covariance, lower=1)
-    if info:
-        return -math.inf, np.zeros_like(covariance)
-    inverse, _ = lapack.dpotri(lower, lower=1)
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    weighted = inverse.sum(axis=1)
-    information = float(weighted.sum())
-    projection = inverse - np.outer(weighted, weighted) / information
-    alpha = projection @ record.values
-    # Here and below: the last digit of np.vdot, and of np.log of a diagonal, depends on where in
-    # memory the arrays lie, and the search would amplify it.
-    square, freedom = math.fsum((record.values * alpha).ravel()), coordinates * (count - 1)
-    nu = DEGREES_OF_FREEDOM
-    log_det = 2.0 * math.fsum(map(math.log, np.diagonal(lower))) + math.log(information)
-    value = (
-        math.lgamma(0.5 * (nu + freedom))
-        - math.lgamma(0.5 * nu)
-        - 0.5 * freedom * math.log(nu * math.pi)
-        - 0.5 * coordinates * log_det
-        - 0.5 * (nu + freedom) * math.log1p(square / nu)
+def _step(point: _Point, curvature: Array, damping: float, bounds: Array) -> Array:
+    """The next θ; parameters that push against a bound stay."""
+    low, high = bounds.T
+    free = ~((point.theta <= low) & (point.gradient < 0.0))
+    free &= ~((point.theta >= high) & (point.gradient > 0.0))
+    damped = curvature + np.diag(damping * (np.diagonal(curvature) + 1e-3))
+    step = np.zeros(len(point.theta))
+    step[free] = np.linalg.solve(damped[np.ix_(free, free)], point.gradient[free])
+    return np.asarray(
+        np.clip(point.theta + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP), low, high)
     )
-    weight = (nu + freedom) / (nu + square)
-    return value, weight * (alpha @ alpha.T) - coordinates * projection
-
-
-def log_posterior(
-    model: Model, grid: Grid, theta: Array, records: Sequence[Record]
-) -> tuple[float, Array]:
-    """Return the records' log-likelihood plus the model's log-prior, and the gradient in θ."""
-    natural, jacobian = model.natural(theta, grid)
-    value, gradient = log_likelihood(model.kernels, natural, records)
-    prior, slope = model.log_prior(theta, grid)
-    return value + prior, jacobian.T @ gradient + slope
 
 
 def learn(
@@ -138,24 +120,14 @@ def learn(
         return None
     grid = Grid.of([r.times for r in records], [r.values for r in records], noise_std, soft_limit)
     floored = [Record(r.times, r.values, r.variances + noise_std**2) for r in records]
-    bounds = model.bounds(grid)
-
-    def objective(theta: Array) -> tuple[float, Array]:
-        value, gradient = log_posterior(model, grid, theta, floored)
-        return (-value, -gradient) if math.isfinite(value) else (_IMPOSSIBLE, np.zeros(len(theta)))
-
-    starts = model.starts(grid) if before is None else [before]
-    starts = [np.clip(start, *np.transpose(bounds)) for start in starts]
-    starts.sort(key=lambda start: objective(start)[0])
-    options = {"maxiter": _MAX_ITERATIONS, "ftol": 1e-12}
-    searches = (
-        minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        for start in starts[:_SEARCHES]
-    )
-    best = min(searches, key=lambda result: float(result.fun))
-    if not best.fun < _IMPOSSIBLE:
+    bounds = np.array(model.bounds(grid))
+    posterior = Posterior(model, grid, floored)
+    starts = np.clip(model.starts(grid) if before is None else [before], *bounds.T)
+    starts = sorted(starts, key=lambda start: -posterior(start)[0])[:_SEARCHES]
+    best = max((maximum(posterior, start, bounds) for start in starts), key=lambda p: p.value)
+    if not math.isfinite(best.value):
         return None
-    theta = np.clip(best.x.round(_DECIMALS), *np.transpose(bounds))
+    theta = np.clip(best.theta.round(_DECIMALS), *bounds.T)
     *pairs, noise = (float(v) for v in np.exp(model.natural(theta, grid)[0]))
     components = tuple(map(Component, pairs[::2], pairs[1::2]))
     return GroupHyperparameters(components, math.hypot(noise, noise_std)), theta

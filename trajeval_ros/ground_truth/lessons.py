@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from trajeval_ros.ground_truth import learning
 from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
+from trajeval_ros.ground_truth.likelihood import Record
 from trajeval_ros.ground_truth.models import Model
 from trajeval_ros.ground_truth.segment import Segment
 
@@ -90,7 +91,7 @@ class Lessons:
         return learning.learn(self._model, records, accuracy, soft_limit, self._theta[group])
 
 
-def _record(segment: Segment, columns: slice) -> learning.Record:
+def _record(segment: Segment, columns: slice) -> Record:
     """What a segment gives, to a tenth of a micrometre.
 
     The search for the optimum amplifies the last digit of its data, and that one depends on how the
@@ -102,4 +103,4 @@ def _record(segment: Segment, columns: slice) -> learning.Record:
     if variances is not None:
         known = np.mean(variances[:, columns], axis=-1).round(2 * _DIGITS)
     values = segment.coordinates[:, columns].round(_DIGITS)
-    return learning.Record(segment.times[every], values[every], known[every])
+    return Record(segment.times[every], values[every], known[every])

@@ -64,8 +64,8 @@ class Model(Protocol):
         """Return (log σ, log l) of each kernel and log n, (2k + 1,), and their Jacobian."""
         ...
 
-    def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array]:
-        """Return the log-prior and its gradient (p,)."""
+    def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array, Array]:
+        """Return the log-prior, its gradient, and its negative second derivatives; (p,) each."""
         ...
 
     def bounds(self, grid: Grid) -> Bounds:
@@ -92,9 +92,9 @@ class OneKernel:
         """Return θ itself."""
         return theta, np.eye(3)
 
-    def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array]:
+    def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array, Array]:
         """Return zero."""
-        return 0.0, np.zeros(3)
+        return 0.0, np.zeros(3), np.zeros(3)
 
     def bounds(self, grid: Grid) -> Bounds:
         """From far below to far above what the data show."""
@@ -161,15 +161,17 @@ class SmoothAndRough:
         jacobian[4] = jacobian[6] = 0.5 * slope
         return natural, jacobian
 
-    def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array]:
+    def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array, Array]:
         """Normal in log l_a; falling off in log n_0 above the soft limit."""
-        gradient = np.zeros(5)
+        gradient, curvature = np.zeros(5), np.zeros(5)
         centre, std = self.length_prior
         length = (theta[1] - centre) / std
         gradient[1] = -length / std
         noise = max(theta[4] - math.log(grid.soft_limit), 0.0) / self.noise_prior_std
         gradient[4] = -noise / self.noise_prior_std
-        return -0.5 * (length**2 + noise**2), gradient
+        curvature[1] = 1.0 / std**2
+        curvature[4] = (noise > 0.0) / self.noise_prior_std**2
+        return -0.5 * (length**2 + noise**2), gradient, curvature
 
     def bounds(self, grid: Grid) -> Bounds:
         """From far below to far above what the data show."""
