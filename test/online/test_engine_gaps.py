@@ -22,6 +22,7 @@ from twins.runs import (
     where,
 )
 
+from trajeval_ros.online import engine as engine_module
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 
@@ -85,12 +86,11 @@ def test_before_the_first_and_after_the_last_sample():
 @pytest.mark.parametrize("delays", [(0, 0), (SECOND, 0), (0, SECOND)])
 @pytest.mark.parametrize("length", [0.9, 1.9, 4.0, 8.0])
 def test_a_dropout_is_the_same_live_and_from_files(length, delays):
-    parameters = {**FIXED, "window.duration": 12.0}
     run = simulated(5, 14.0, dropouts=((4.0, 4.0 + length),))
-    expected, _ = handed_over(parameters, run)
-    engine, _ = played(parameters, run, 0.2, delays)
+    expected, _ = handed_over(FIXED, run)
+    engine, _ = played(FIXED, run, 0.2, delays)
     assert_same_summary(engine.summary(), expected.summary())
-    engine = Engine(parameters)
+    engine = Engine(FIXED)
     list(feed(engine, run.ground_truth, run.estimate))
     assert_same_summary(engine.summary(), expected.summary())
     assert (length > 2.0) == bool(rejected(engine))
@@ -208,11 +208,29 @@ def test_ground_truth_lost_for_a_minute():
     assert set(rejected(engine)) == {"no_ground_truth", "outside_ground_truth"}
 
 
+def test_the_windows_length_decides_nothing():
+    run = simulated(5, 14.0, dropouts=((4.0, 9.0),))
+    expected, _ = handed_over(FIXED, run)
+    engine = Engine({**FIXED, "window.duration": 20.0})
+    for results in feed(engine, run.ground_truth, run.estimate):
+        engine.set("window.duration", 1.0 if len(results.evaluations) % 2 else 30.0)
+    engine.set("window.duration", 30.0)
+    assert rejected(engine) == rejected(expected)
+    assert_same_summary(engine.figures(), expected.figures())
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """A patience of a second, or of max_gap and lag, so that a run need not be longer."""
+    monkeypatch.setattr(engine_module, "PATIENCE", SECOND)
+
+
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("delay", [0.5, 1.0, 1.75, 2.25, 2.5, 2.75, 3.0, 4.0])
-def test_an_estimate_later_than_the_window_is_too_late_or_exact(delay):
+def test_an_estimate_later_than_the_patience_is_too_late_or_exact(delay):
     run = simulated(1, 12.0)
     _, exact = handed_over(FIXED, run)
-    engine, found = played({**FIXED, "window.duration": 1.0}, run, 0.1, (0, round(delay * SECOND)))
+    engine, found = played(FIXED, run, 0.1, (0, round(delay * SECOND)))
     index = np.isin(exact["stamps"], found["stamps"])
     np.testing.assert_allclose(
         found["ground_truth"], exact["ground_truth"][index], rtol=0, atol=1e-13
@@ -221,9 +239,10 @@ def test_an_estimate_later_than_the_window_is_too_late_or_exact(delay):
     assert set(balance(engine).rejected) <= {"too_late"}
 
 
-def test_an_estimate_later_than_what_is_kept_is_too_late():
+def test_an_estimate_later_than_what_is_kept_is_too_late(monkeypatch):
+    monkeypatch.setattr(engine_module, "PATIENCE", 5 * SECOND)
     run = simulated(5, 60.0, rates=(20.0, 2.0))
-    engine = Engine({**FIXED, "window.duration": 5.0})
+    engine = Engine(FIXED)
     engine.add_estimate(run.estimate[:4])
     for begin in range(0, len(run.ground_truth), 50):
         engine.add_ground_truth(run.ground_truth[begin : begin + 50])
@@ -232,14 +251,14 @@ def test_an_estimate_later_than_what_is_kept_is_too_late():
     engine.finish()
     counts = balance(engine)
     assert set(counts.rejected) == {"too_late"}
-    # What lies within a window is there.
-    window = np.count_nonzero(run.estimate.stamps > run.ground_truth.stamps[-1] - 5 * SECOND)
-    assert counts.used >= 4 + window
+    # What is not older than that is there.
+    recent = np.count_nonzero(run.estimate.stamps > run.ground_truth.stamps[-1] - 5 * SECOND)
+    assert counts.used >= 4 + recent
     assert counts.rejected["too_late"] > 60
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_pause_of_both_topics():
-    parameters = {**FIXED, "window.duration": 1.0}
     run = simulated(2, 14.0)
     run = Run(
         *(
@@ -247,20 +266,20 @@ def test_a_pause_of_both_topics():
             for t in (run.ground_truth, run.estimate)
         )
     )
-    expected, _ = handed_over(parameters, run)
-    live, _ = played(parameters, run, 0.1)
-    file = Engine(parameters)
+    expected, _ = handed_over(FIXED, run)
+    live, _ = played(FIXED, run, 0.1)
+    file = Engine(FIXED)
     list(feed(file, run.ground_truth, run.estimate))
     assert_same_summary(live.summary(), expected.summary())
     assert_same_summary(file.summary(), expected.summary())
     assert balance(live).used == len(run.estimate)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_idling_after_the_end():
-    parameters = {**FIXED, "window.duration": 1.0}
     run = simulated(2, 8.0)
-    expected, _ = handed_over(parameters, run)
-    engine = Engine(parameters)
+    expected, _ = handed_over(FIXED, run)
+    engine = Engine(FIXED)
     engine.add_ground_truth(run.ground_truth)
     engine.add_estimate(run.estimate)
     engine.advance(int(run.estimate.stamps[-1]))
@@ -269,16 +288,16 @@ def test_idling_after_the_end():
     assert_same_summary(engine.summary(), expected.summary())
 
 
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("delay", [0.0, 0.9])
 def test_the_completing_sample_just_beyond_patience(delay):
-    parameters = {**FIXED, "window.duration": 1.0}
     run = simulated(2, 9.0)
     gone = (run.ground_truth.stamps > START + 5.23 * SECOND) & (
         run.ground_truth.stamps < START + 6.45 * SECOND
     )
     run = Run(where(run.ground_truth, ~gone), run.estimate)
-    expected, _ = handed_over(parameters, run)
-    live, _ = played(parameters, run, 0.02, (round(delay * SECOND), 0))
+    expected, _ = handed_over(FIXED, run)
+    live, _ = played(FIXED, run, 0.02, (round(delay * SECOND), 0))
     assert_same_summary(live.summary(), expected.summary())
 
 
@@ -290,10 +309,11 @@ def test_sparse_estimates_are_all_evaluated(apart):
     assert balance(engine).used == len(sparse.estimate)
 
 
-def test_max_wait_longer_than_the_window():
-    parameters = {**FIXED, "window.duration": 1.0, "max_wait": 5.0}
+@pytest.mark.usefixtures("impatient")
+def test_max_wait_longer_than_the_patience():
+    parameters = {**FIXED, "max_wait": 5.0}
     run = simulated(1, 8.0)
-    expected, _ = handed_over({**parameters, "window.duration": 1.0}, run)
+    expected, _ = handed_over(parameters, run)
     for delays in ((0, 4 * SECOND), (4 * SECOND, 0)):
         engine, _ = played(parameters, run, 0.25, delays)
         assert_same_summary(engine.summary(), expected.summary())

@@ -6,11 +6,13 @@ import gc
 import tracemalloc
 
 import numpy as np
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from twins.runs import FIXED, SECOND, START, balance, leaves, motion, samples
 
+from trajeval_ros.online import engine as engine_module
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.samples import PoseSamples
 
@@ -19,6 +21,12 @@ FAULTS = (
     *("repeated", "behind", "ahead", "far ahead", "a year ahead", "covariance"),
 )
 TRUTH_STEP, ESTIMATE_STEP = SECOND // 20, SECOND // 8
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Estimates at a gap of 3 s do not wait for its end, and older ground truth is dropped."""
+    monkeypatch.setattr(engine_module, "PATIENCE", 3 * SECOND)
 
 
 class AnyInput(RuleBasedStateMachine):
@@ -171,7 +179,11 @@ class AnyInput(RuleBasedStateMachine):
 
 
 AnyInput.TestCase.settings = settings(max_examples=12, stateful_step_count=20)
-TestAnyInput = AnyInput.TestCase
+
+
+@pytest.mark.usefixtures("impatient")
+class TestAnyInput(AnyInput.TestCase):
+    """Run by pytest."""
 
 
 def size_of(thing, seen):

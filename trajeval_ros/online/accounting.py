@@ -44,7 +44,7 @@ _EXPLANATIONS = {
     Reason.STAMP_JUMP: "the stamp leaps ahead of those around it",
     Reason.NO_GROUND_TRUTH: "no ground truth within ground_truth.max_gap",
     Reason.OUTSIDE_GROUND_TRUTH: "the ground truth near it lies on one side only",
-    Reason.TOO_LATE: "it came more than a window after its ground truth",
+    Reason.TOO_LATE: "it came when its ground truth had been dropped, after 30 s or more",
 }
 
 

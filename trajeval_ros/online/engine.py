@@ -47,6 +47,9 @@ Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
+PATIENCE = 30_000_000_000
+"""How long after an estimate (ns) the sample behind a gap may be stamped, for it to wait for it."""
+
 _SELF_CHECK = 1e-6
 _STRAINED = 0.2
 
@@ -260,9 +263,9 @@ class Engine:
 
     @property
     def _patience(self) -> int:
-        """How long after an estimate (ns) its last sample may be stamped."""
+        """How long after an estimate (ns) its last sample may be stamped; constant in a run."""
         gap, lag = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("ground_truth.lag")
-        return max(self._nanoseconds("window.duration"), gap + lag)
+        return max(PATIENCE, gap + lag)
 
     def _give_up(self, now: int) -> None:
         """Reject pending estimates without any sample near them, where one should have come by now.
@@ -284,7 +287,7 @@ class Engine:
         self._pending = self._pending.where(~given_up)
 
     def _forget(self) -> None:
-        """Drop the ground truth that no estimate to come asks for, or older than a window."""
+        """Drop the ground truth that no estimate to come asks for, or that is too old to."""
         samples = self._ground_truth.stamps
         if not len(samples) or self._ground_truth.hyperparameters is None:
             return

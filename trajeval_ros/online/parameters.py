@@ -234,7 +234,7 @@ _TABLE = (
     Parameter(
         "window.duration",
         30.0,
-        "Length of the sliding window; an estimate at a longer gap does not wait for its end",
+        "Length of the sliding window",
         "s",
         lower=1.0,
         upper=3600.0,
