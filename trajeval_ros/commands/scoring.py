@@ -17,7 +17,7 @@ from trajeval_ros.files.output import OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.metrics.gauge import GAUGES
 from trajeval_ros.metrics.umeyama import Gauge
-from trajeval_ros.online.engine import Engine, EngineError
+from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.results import Evaluations, Results
 from trajeval_ros.online.samples import PoseSamples
@@ -46,18 +46,15 @@ def score(
     engine = Engine(parameters)
     poses = WholeRun()
     truth, estimate = data.ground_truth, data.estimate
-    try:
-        with Progress("evaluating", len(estimate), "poses") as progress:
-            done = 0
-            for results in feed(engine, samples(truth), samples(estimate), _CHUNK):
-                report.add(results)
-                poses.add(results)
-                if folder is not None:
-                    folder.add(results.evaluations)
-                done += len(results.evaluations.stamps)
-                progress.update(done)
-    except EngineError as error:
-        raise CommandError(str(error)) from error
+    with Progress("evaluating", len(estimate), "poses") as progress:
+        done = 0
+        for results in feed(engine, samples(truth), samples(estimate), _CHUNK):
+            report.add(results)
+            poses.add(results)
+            if folder is not None:
+                folder.add(results.evaluations)
+            done += len(results.evaluations.stamps)
+            progress.update(done)
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     summary: Figures = engine.summary()
     _count_unstamped(summary["estimate"], estimate)

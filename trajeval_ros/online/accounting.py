@@ -23,6 +23,7 @@ class Reason(StrEnum):
     STAMP_JUMP = "stamp_jump"
     NO_GROUND_TRUTH = "no_ground_truth"
     OUTSIDE_GROUND_TRUTH = "outside_ground_truth"
+    SINGULAR_COVARIANCE = "singular_covariance"
     TOO_LATE = "too_late"
 
     @property
@@ -44,6 +45,7 @@ _EXPLANATIONS = {
     Reason.STAMP_JUMP: "the stamp leaps ahead of those around it",
     Reason.NO_GROUND_TRUTH: "no ground truth within ground_truth.max_gap",
     Reason.OUTSIDE_GROUND_TRUTH: "the ground truth near it lies on one side only",
+    Reason.SINGULAR_COVARIANCE: "its covariance and the ground truth's sum up to a singular one",
     Reason.TOO_LATE: "it came when its ground truth had been dropped, after 30 s or more",
 }
 

@@ -11,7 +11,7 @@ on the stamps alone, never on when a message arrived; the clock only tells when 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
-from trajeval_ros.metrics.gaussian import CovarianceError
+from trajeval_ros.metrics.gaussian import CovarianceError, positive_definite
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.doubts import CovarianceDoubts
 from trajeval_ros.online.evaluation import Evaluation
@@ -42,6 +42,7 @@ from trajeval_ros.online.results import (
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.summary import summarize, window_figures
 from trajeval_ros.online.window import EvaluatedPoses
+from trajeval_ros.online.withdrawn import Withdrawn
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -83,10 +84,6 @@ class _Pending:
 _NOBODY = _Pending(np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), None)
 
 
-class EngineError(ArithmeticError):
-    """The computation cannot go on; the message is one line."""
-
-
 class Engine:
     """Scores an estimated trajectory against the ground truth while both arrive."""
 
@@ -108,6 +105,8 @@ class Engine:
         self._evaluation = Evaluation(values)
         self._pending = _NOBODY
         self._newest_estimate: int | None = None
+        self._withdrawn = Withdrawn()
+        self._first_singular: int | None = None
         self._doubts = CovarianceDoubts()
         self._announced: set[str] = set()
 
@@ -217,15 +216,42 @@ class Engine:
             # To first order the two errors add up: the two body frames differ by the error itself.
             covariance = covariance + chosen.covariances
         offset = self._nanoseconds("estimate.time_offset")
-        cross = posterior.cross
-        poses = EvaluatedPoses(chosen.stamps, posterior.poses, covariance, chosen.poses, cross)
-        try:
-            return self._evaluation.add(poses, offset, posterior.sampled), cross or ()
-        except CovarianceError as error:
-            raise EngineError(
-                f"the covariance of the pose at {int(chosen.stamps[max(error.index, 0)])} ns is "
-                "not positive definite: are ground truth's or estimate's covariances right?"
-            ) from error
+        poses = EvaluatedPoses(
+            chosen.stamps, posterior.poses, covariance, chosen.poses, posterior.cross
+        )
+        return self._score(poses, offset, posterior.sampled)
+
+    def _score(
+        self, answered: EvaluatedPoses, offset: int, sampled: Mask
+    ) -> tuple[Evaluations, tuple[Array, ...]]:
+        """Evaluate poses but for those whose covariance is not positive definite.
+
+        By itself, or as the joint covariance goes on with it.
+        """
+        numbers = self._withdrawn.number(len(answered))
+        good = positive_definite(answered.covariance)
+        self._withdraw(answered.stamps[~good], numbers[~good])
+        while good.any():
+            poses = answered.where(good)
+            if poses.cross is not None:
+                cross = self._withdrawn.left_out(numbers[good], poses.cross)
+                poses = replace(poses, cross=cross)
+            try:
+                return self._evaluation.add(poses, offset, sampled[good]), poses.cross or ()
+            except CovarianceError as error:
+                index = np.flatnonzero(good)[error.index]
+                good[index] = False
+                self._withdraw(answered.stamps[[index]], numbers[[index]])
+        return NO_EVALUATIONS, ()
+
+    def _withdraw(self, stamps: Stamps, numbers: Stamps) -> None:
+        """Reject poses whose covariance cannot be factored."""
+        if not len(stamps):
+            return
+        self._withdrawn.add(numbers)
+        self._estimates.account.reject(Reason.SINGULAR_COVARIANCE, len(stamps))
+        if self._first_singular is None:
+            self._first_singular = int(stamps[0])
 
     def _until(self, stamps: Stamps) -> Stamps:
         """Stamp of the last sample that answers each of ``stamps`` (n,).
@@ -334,6 +360,15 @@ class Engine:
                     "first_order_strained",
                     f"running and first-order AE differ by {100.0 * strain:.0f} %: first order "
                     "does not hold (ground-truth gaps, long runs), so RE is not calibrated",
+                )
+            )
+        if self._first_singular is not None:
+            found.append(
+                Notice(
+                    "warning",
+                    "singular_covariance",
+                    f"the covariance of the pose at {self._first_singular} ns is not positive "
+                    "definite: are ground truth's or estimate's covariances right?",
                 )
             )
         found += self._doubts.notices()

@@ -15,10 +15,11 @@ from trajeval_ros.metrics.absolute import Absolute, absolute
 from trajeval_ros.metrics.figures import figures
 from trajeval_ros.metrics.first_order import absolute_first_order
 from trajeval_ros.metrics.gauge import Gauge, Similarity
-from trajeval_ros.metrics.gaussian import GaussianLogLikelihood
+from trajeval_ros.metrics.gaussian import CovarianceError, GaussianLogLikelihood
+from trajeval_ros.metrics.joint import FactorRows
 from trajeval_ros.metrics.noise_equivalent import noise_equivalent_error
 from trajeval_ros.metrics.observability import Observability
-from trajeval_ros.metrics.relative import relative
+from trajeval_ros.metrics.relative import RunningRelative, relative
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Health
@@ -161,7 +162,7 @@ def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
             "absolute": {**_likelihood(None, count), **dict.fromkeys(missing)},
         }
     data = (poses.ground_truth, poses.joint_covariance, poses.estimate)
-    step = relative(*data)
+    step = _relative_likelihood(*data)
     best = absolute(*data, gauge)
     return {
         "poses": count,
@@ -180,6 +181,16 @@ def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
             "observability": _observability(best.observability),
         },
     }
+
+
+def _relative_likelihood(
+    ground_truth: Array, covariance: Array | FactorRows, estimate: Array
+) -> GaussianLogLikelihood:
+    """That of a window: as a band matrix, or step by step where that has no factor."""
+    try:
+        return relative(ground_truth, covariance, estimate)
+    except CovarianceError:
+        return RunningRelative().update(ground_truth, covariance, estimate).total
 
 
 def _value(likelihood: GaussianLogLikelihood | None) -> float | None:

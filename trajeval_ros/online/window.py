@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from trajeval_ros.metrics.joint import FactorRows, JointFactor
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,19 @@ class EvaluatedPoses:
     def joint_covariance(self) -> Array | FactorRows:
         """The covariance of all poses, as `trajeval_ros.metrics` takes it."""
         return joint_covariance(self.covariance, self.cross)
+
+    def where(self, mask: Mask) -> EvaluatedPoses:
+        """Return some of the poses; ``cross`` of each stays as it is."""
+        if mask.all():
+            return self
+        cross = self.cross and tuple(itertools.compress(self.cross, mask))
+        return EvaluatedPoses(
+            self.stamps[mask],
+            self.ground_truth[mask],
+            self.covariance[mask],
+            self.estimate[mask],
+            cross,
+        )
 
     def __len__(self) -> int:
         """Number of poses."""
