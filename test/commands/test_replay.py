@@ -7,7 +7,9 @@ import os
 import signal
 import subprocess
 import sys
-import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +25,7 @@ LISTENER = Path(__file__).with_name("listener.py")
 
 ros = pytest.mark.ros
 
-
-@pytest.fixture
-def environment() -> dict[str, str]:
-    pytest.importorskip("rclpy", reason="needs ROS 2")
-    return {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
-        "ROS_DOMAIN_ID": str(20 + os.getpid() % 80),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    }
+Start = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture(scope="module")
@@ -40,29 +33,47 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return write_files(tmp_path_factory.mktemp("run"), 12.0, 3)
 
 
-def start(environment: dict[str, str], *arguments: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-    )
+@pytest.fixture
+def start(domain: int) -> Iterator[Start]:
+    """Return a function that starts Python in the test's own domain; nothing outlives the test."""
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    with ExitStack() as stack:
+
+        def start(*arguments: object) -> subprocess.Popen[str]:
+            process = subprocess.Popen(
+                [sys.executable, *map(str, arguments)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=environment,
+            )
+            stack.enter_context(process)
+            stack.callback(process.kill)
+            return process
+
+        yield start
 
 
-def replay(environment: dict[str, str], *arguments: object) -> subprocess.Popen[str]:
-    return start(environment, "-m", "trajeval_ros.commands.replay", *arguments)
+@pytest.fixture
+def replay(start: Start) -> Start:
+    """Return a function that starts the command."""
+    return partial(start, "-m", "trajeval_ros.commands.replay")
 
 
 @ros
 def test_every_message_arrives_once_and_exactly(
-    run: tuple[Path, Path], environment: dict[str, str]
+    run: tuple[Path, Path], start: Start, replay: Start
 ) -> None:
     expected = {"ground_truth": read_tum(run[0]), "estimate": read_tum(run[1])}
     total = sum(map(len, expected.values()))
-    listener = start(environment, LISTENER, "/mocap", "/odom", total, 30)
+    listener = start(LISTENER, "/mocap", "/odom", total, 30)
     player = replay(
-        environment,
         *("tum", *run, "--rate", 6, "--frame-id", "map"),
         *("--ros-args", "-r", "ground_truth:=/mocap", "-r", "estimate:=/odom"),
     )
@@ -88,9 +99,9 @@ def test_every_message_arrives_once_and_exactly(
 
 
 @ros
-def test_nobody_listens(run: tuple[Path, Path], environment: dict[str, str]) -> None:
-    player = replay(environment, "tum", *run, "--wait", 0.5)
-    output, errors = player.communicate(timeout=30)
+def test_nobody_listens(run: tuple[Path, Path], replay: Start) -> None:
+    player = replay("tum", *run, "--wait", 0.5)
+    output, errors = player.communicate(timeout=60)
     assert player.returncode == 1
     assert output == ""
     assert errors.strip() == (
@@ -101,15 +112,16 @@ def test_nobody_listens(run: tuple[Path, Path], environment: dict[str, str]) -> 
 @ros
 @pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_well(
-    signal_number: int, run: tuple[Path, Path], environment: dict[str, str]
+    signal_number: int, run: tuple[Path, Path], start: Start, replay: Start
 ) -> None:
-    player = replay(environment, "tum", *run, "--wait", 0, "--loop", "--rate", 50)
-    time.sleep(2.0)
+    once = sum(len(read_tum(path)) for path in run)
+    listener = start(LISTENER, "/ground_truth", "/estimate", 2 * once, 30)
+    player = replay("tum", *run, "--loop", "--rate", 50)
+    listener.communicate(timeout=60)
     player.send_signal(signal_number)
-    output, errors = player.communicate(timeout=10)
+    output, errors = player.communicate(timeout=60)
     assert player.returncode == 0, errors
     assert "Traceback" not in errors
-    # 12 s of data at 50 times their speed, again and again
     published = int(output.split("estimate ")[1].split()[0])
     assert published > len(read_tum(run[1]))
     assert output.strip().endswith("interrupted")
@@ -135,10 +147,10 @@ def test_wrong_usage(option: str, value: str, run: tuple[Path, Path]) -> None:
     "arguments", [("-r", "nonsense"), ("-r", "__node:=a/b"), ("--params-file", "/no/such.yaml")]
 )
 def test_wrong_ros_arguments(
-    arguments: tuple[str, str], run: tuple[Path, Path], environment: dict[str, str]
+    arguments: tuple[str, str], run: tuple[Path, Path], replay: Start
 ) -> None:
-    player = replay(environment, "tum", *run, "--ros-args", *arguments)
-    _, errors = player.communicate(timeout=30)
+    player = replay("tum", *run, "--ros-args", *arguments)
+    _, errors = player.communicate(timeout=60)
     assert player.returncode == 2
     ours = [line for line in errors.splitlines() if line.startswith("replay: error: ")]
     assert len(ours) == 1

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 from trajeval_ros import se3
+from trajeval_ros.commands.domain import own_domain
 from trajeval_ros.commands.simulation import simulate
 from trajeval_ros.node.figures import flatten
 from trajeval_ros.online.engine import Engine
@@ -52,11 +53,11 @@ def topics() -> dict[str, str]:
     from rclpy.signals import SignalHandlerOptions
 
     environment = {
-        "ROS_DOMAIN_ID": str(20 + (os.getpid() * 7) % 80),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
     }
-    with pytest.MonkeyPatch.context() as patch:
+    with own_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
         for name, value in environment.items():
             patch.setenv(name, value)
         node = subprocess.Popen([sys.executable, "-m", "trajeval_ros.node.main"])

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import itertools
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,18 +16,11 @@ except ImportError:
 else:
     del rclpy
 
-_NUMBER = itertools.count()
-
-
-def domain() -> int:
-    """A ROS domain of this test's own; beyond 101 the ports meet Linux's ephemeral ones."""
-    return 1 + (os.getpid() * 13 + next(_NUMBER)) % 100
-
 
 @pytest.fixture
-def graph(tmp_path: Path) -> Iterator[object]:
+def graph(domain: int, tmp_path: Path) -> Iterator[object]:
     from harness import Graph
 
-    made = Graph(domain(), tmp_path)
+    made = Graph(domain, tmp_path)
     yield made
     made.close()

@@ -16,6 +16,8 @@ from geometry_msgs.msg import PoseStamped
 from harness import Graph, Process, accounted, values_of
 from rclpy.serialization import serialize_message
 
+from trajeval_ros.commands.domain import own_domain
+
 pytestmark = pytest.mark.ros
 
 DURATION = 5.0
@@ -98,13 +100,18 @@ def agree(health: dict[str, Any], summary: dict[str, Any]) -> bool:
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    from conftest import domain
-
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     folder = tmp_path_factory.mktemp("bad_input")
-    graph = Graph(domain(), folder)
-    yield Rig(folder, graph)
-    graph.close()
+    with own_domain() as domain:
+        graph = Graph(domain, folder)
+        yield Rig(folder, graph)
+        graph.close()
+
+
+@pytest.fixture
+def rig(started: Rig) -> Rig:
+    assert started.node.child.poll() is None, started.node.output
+    return started
 
 
 def evaluated(rig: Rig) -> int:

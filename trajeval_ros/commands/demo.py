@@ -17,6 +17,7 @@ from types import FrameType
 from typing import Any
 
 from trajeval_ros.commands import console, inputs
+from trajeval_ros.commands.domain import own_domain
 from trajeval_ros.commands.processes import Child
 
 DESCRIPTION = """\
@@ -96,9 +97,10 @@ def demo(arguments: argparse.Namespace) -> int:
     rate = arguments.rate or min(max(seconds / _REPLAY_SECONDS, 1.0), _FASTEST)
 
     # A domain of our own on this machine: a demo hears no other robot, and no robot hears it.
-    os.environ["ROS_DOMAIN_ID"] = str(20 + os.getpid() % 80)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    return _run(data, output, rate, (ground_truth, estimate))
+    with own_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        return _run(data, output, rate, (ground_truth, estimate))
 
 
 def _files(arguments: argparse.Namespace, output: Path) -> tuple[str, str]:
