@@ -65,7 +65,8 @@ def positive_definite(covariance: Array) -> npt.NDArray[np.bool_]:
     Returns (M,); False for what is not finite.
     """
     diagonal = np.diagonal(covariance, axis1=-2, axis2=-1)
-    good = np.isfinite(covariance).all(axis=(-1, -2)) & (diagonal > 0.0).all(axis=-1)
+    finite = np.isfinite(covariance).all(axis=(-1, -2))
+    good: npt.NDArray[np.bool_] = np.asarray(finite & (diagonal > 0.0).all(axis=-1))
     scale = 1.0 / np.sqrt(diagonal[good])
     scaled = scale[:, :, None] * covariance[good] * scale[:, None, :]
     scaled -= _CLEARLY_POSITIVE * np.eye(covariance.shape[-1])

@@ -20,7 +20,7 @@ from trajeval_ros.metrics.relative import RunningRelative
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.residuals import MeanSquares, ResidualMoments
 from trajeval_ros.online.results import Evaluations
-from trajeval_ros.online.window import EvaluatedPoses, SlidingWindow
+from trajeval_ros.online.window import EvaluatedPoses, SlidingWindow, Window
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -78,7 +78,9 @@ class Evaluation:
         self._first_order.update(ground_truth, covariance, estimate)
         self._absolute.update(ground_truth, covariance, estimate)
         self._conventional.update(stamps[sampled], ground_truth[sampled], estimate[sampled])
-        self._window.append(poses)
+        self._window.append(
+            poses, _padded(steps.error, first, 0.0), _padded(steps.adjoint, first, 0.0)
+        )
         self._steps.update(steps.error)
         self._residuals.update(ground_truth, estimate)
         self.count += len(stamps)
@@ -170,9 +172,9 @@ class Evaluation:
         first_order = self._first_order.total.log_likelihood
         return abs(running.log_likelihood - first_order) / max(abs(first_order), 1.0)
 
-    def window(self) -> EvaluatedPoses:
-        """The poses of the sliding window."""
-        return self._window.poses()
+    def window(self) -> Window:
+        """The poses of the sliding window, and their steps."""
+        return self._window.contents()
 
 
 def _padded(values: Array, first: bool, filling: float) -> Array:

@@ -19,11 +19,11 @@ from trajeval_ros.metrics.gaussian import CovarianceError, GaussianLogLikelihood
 from trajeval_ros.metrics.joint import FactorRows
 from trajeval_ros.metrics.noise_equivalent import noise_equivalent_error
 from trajeval_ros.metrics.observability import Observability
-from trajeval_ros.metrics.relative import RunningRelative, relative
+from trajeval_ros.metrics.relative import RunningRelative, relative, steps_likelihood
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Health
-from trajeval_ros.online.window import EvaluatedPoses, joint_covariance
+from trajeval_ros.online.window import EvaluatedPoses, Window, joint_covariance
 
 Array = npt.NDArray[np.float64]
 Figures = dict[str, object]
@@ -150,9 +150,9 @@ def _alignment(alignment: Similarity | None, covariance: Array | None, gauge: Ga
     }
 
 
-def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
+def window_figures(window: Window, gauge: Gauge) -> Figures:
     """The window's likelihoods: relative, and absolute to first order and fully nonlinear."""
-    count = len(poses)
+    poses, count = window.poses, len(window.poses)
     if count < 2:
         missing = ("p_value", "log_likelihood_first_order", "log_likelihood_nonlinear")
         return {
@@ -161,8 +161,9 @@ def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
             "relative": {**_likelihood(None, count), "p_value": None},
             "absolute": {**_likelihood(None, count), **dict.fromkeys(missing)},
         }
-    data = (poses.ground_truth, poses.joint_covariance, poses.estimate)
-    step = _relative_likelihood(*data)
+    covariance = poses.joint_covariance
+    data = (poses.ground_truth, covariance, poses.estimate)
+    step = window_relative(window, covariance)
     best = absolute(*data, gauge)
     return {
         "poses": count,
@@ -183,14 +184,19 @@ def window_figures(poses: EvaluatedPoses, gauge: Gauge) -> Figures:
     }
 
 
-def _relative_likelihood(
-    ground_truth: Array, covariance: Array | FactorRows, estimate: Array
-) -> GaussianLogLikelihood:
-    """That of a window: as a band matrix, or step by step where that has no factor."""
+def window_relative(window: Window, covariance: Array | FactorRows) -> GaussianLogLikelihood:
+    """The relative likelihood of a window; ``covariance`` is its poses' joint one.
+
+    From the steps where they are independent. Covariances that differ by many orders of magnitude
+    may leave the steps' band matrix without a factor; then step by step.
+    """
+    poses = window.poses
+    if isinstance(covariance, FactorRows):
+        return relative(poses.ground_truth, covariance, poses.estimate)
     try:
-        return relative(ground_truth, covariance, estimate)
+        return steps_likelihood(window.error, window.adjoint, covariance)
     except CovarianceError:
-        return RunningRelative().update(ground_truth, covariance, estimate).total
+        return RunningRelative().update(poses.ground_truth, covariance, poses.estimate).total
 
 
 def _value(likelihood: GaussianLogLikelihood | None) -> float | None:

@@ -69,19 +69,38 @@ def joint_covariance(covariance: Array, cross: tuple[Array, ...] | None) -> Arra
     return JointFactor().update(covariance, inside)
 
 
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Consecutive poses and the M - 1 steps between them, as in `trajeval_ros.metrics.relative`.
+
+    ``error`` (M - 1, 6) and ``adjoint`` (M - 1, 6, 6).
+    """
+
+    poses: EvaluatedPoses
+    error: Array
+    adjoint: Array
+
+
+# Of a pose: ground truth, covariance, estimate, and error and adjoint of the step that ends there.
+_SHAPES = ((4, 4), (6, 6), (4, 4), (6,), (6, 6))
+
+
 class SlidingWindow:
     """The poses no older than ``duration`` (ns) before the newest."""
 
     def __init__(self, duration: int) -> None:
         """Start empty."""
         self.duration = duration
-        self._stamps = np.empty(0, dtype=np.int64)
-        self._rows = np.empty((0, 68))
+        self._stamps, self._columns = _room(0)
         self._begin = self._end = 0
-        self._cross: deque[Array] = deque()  # of the live rows, if the covariance is joint
+        self._cross: deque[Array] = deque()  # of the live poses, if the covariance is joint
 
-    def append(self, poses: EvaluatedPoses) -> None:
-        """Add later poses and drop those that have become too old."""
+    def append(self, poses: EvaluatedPoses, error: Array, adjoint: Array) -> None:
+        """Add later poses and drop those that have become too old.
+
+        ``error`` (n, 6) and ``adjoint`` (n, 6, 6) of the step that ends at each; of the very first
+        pose they mean nothing.
+        """
         count = len(poses)
         if not count:
             return
@@ -89,9 +108,9 @@ class SlidingWindow:
             self._make_room(count)
         here = slice(self._end, self._end + count)
         self._stamps[here] = poses.stamps
-        self._rows[here, :16] = poses.ground_truth.reshape(count, 16)
-        self._rows[here, 16:52] = poses.covariance.reshape(count, 36)
-        self._rows[here, 52:] = poses.estimate.reshape(count, 16)
+        new = (poses.ground_truth, poses.covariance, poses.estimate, error, adjoint)
+        for column, values in zip(self._columns, new, strict=True):
+            column[here] = values
         self._end += count
         oldest = self._stamps[self._end - 1] - self.duration
         live = self._stamps[self._begin : self._end]
@@ -102,22 +121,25 @@ class SlidingWindow:
                 self._cross.popleft()
 
     def _make_room(self, count: int) -> None:
-        """Move the live rows to the front of a buffer at least twice as long as they are."""
+        """Move the live poses to the front of new arrays at least twice as long as they are."""
         live = slice(self._begin, self._end)
-        size = max(64, 2 * (self._end - self._begin + count))
-        stamps, rows = np.empty(size, dtype=np.int64), np.empty((size, 68))
-        self._end -= self._begin
-        stamps[: self._end], rows[: self._end] = self._stamps[live], self._rows[live]
-        self._stamps, self._rows, self._begin = stamps, rows, 0
+        self._begin, self._end = 0, self._end - self._begin
+        stamps, columns = _room(max(64, 2 * (self._end + count)))
+        stamps[: self._end] = self._stamps[live]
+        for new, old in zip(columns, self._columns, strict=True):
+            new[: self._end] = old[live]
+        self._stamps, self._columns = stamps, columns
 
-    def poses(self) -> EvaluatedPoses:
-        """Return a copy of the window's poses."""
+    def contents(self) -> Window:
+        """Return what is in the window, as views that nothing is written to any more."""
         live = slice(self._begin, self._end)
-        rows, count = self._rows[live].copy(), self._end - self._begin
-        return EvaluatedPoses(
-            self._stamps[live].copy(),
-            rows[:, :16].reshape(count, 4, 4),
-            rows[:, 16:52].reshape(count, 6, 6),
-            rows[:, 52:].reshape(count, 4, 4),
-            tuple(self._cross) if self._cross else None,
-        )
+        ground_truth, covariance, estimate, error, adjoint = (c[live] for c in self._columns)
+        cross = tuple(self._cross) if self._cross else None
+        poses = EvaluatedPoses(self._stamps[live], ground_truth, covariance, estimate, cross)
+        # The first pose's step began outside.
+        return Window(poses, error[1:], adjoint[1:])
+
+
+def _room(size: int) -> tuple[Stamps, tuple[Array, ...]]:
+    """Arrays for the stamps and the rest of so many poses."""
+    return np.empty(size, dtype=np.int64), tuple(np.empty((size, *shape)) for shape in _SHAPES)
