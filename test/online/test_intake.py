@@ -249,6 +249,8 @@ def test_any_stamps_in_any_batches(data):
     found.append(parts.conclude().stamps)
     assert np.array_equal(np.concatenate(found), expected)
     assert parts.account.rejected == whole.account.rejected
+    assert parts.account.first_rejected == whole.account.first_rejected
+    assert whole.account.first_rejected.keys() == whole.account.rejected.keys()
     assert (np.diff(expected) > 0).all()
     assert np.isin(expected, stamps).all()
     assert whole.account.received == len(expected) + whole.account.rejected_total == len(stamps)
@@ -302,6 +304,17 @@ def test_the_reasons_of_an_engine_that_sees_everything():
         "duplicate_stamp": 1,
         "out_of_order": 1,
         "stamp_jump": 1,
+    }
+    assert counts.first_rejected == {
+        "zero_stamp": 0,
+        "negative_stamp": 6,
+        "duplicate_stamp": 8,
+        "out_of_order": 10,
+        "stamp_jump": 12,
+        "non_finite": 14,
+        "implausible_position": 19,
+        "zero_quaternion": 28,
+        "unnormalized_quaternion": 39,
     }
     assert counts.received == len(stamps) + 10
     assert engine.summary()["relative"] == expected.summary()["relative"]

@@ -69,7 +69,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
     try:
         with contextlib.ExitStack() as stack:
             folder = stack.enter_context(OutputFolder(str(output))) if output else None
-            summary = scoring.score(data, parameters, report, folder)
+            summary, places = scoring.score(data, parameters, report, folder)
             if folder is not None:
                 folder.write(summary, report.render)
     except OutputError as error:
@@ -82,7 +82,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
         for cause in summary["likely_causes"]
     ]
     remarks += [f"{notice.level}: {notice.text}" for notice in report.notices]
-    remarks += scoring.where_to_look(data, summary)
+    remarks += places
     if remarks:
         print("\n" + "\n".join(remarks))
     if folder is not None:

@@ -9,9 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn
 
-import numpy as np
-import numpy.typing as npt
-
 from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.figures import table
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
@@ -168,34 +165,3 @@ def _range(trajectory: Trajectory) -> tuple[int, int]:
 
 def _in_seconds(stamp: int) -> str:
     return f"{stamp / SECOND:.3f} s"
-
-
-def first_bad_rows(trajectory: Trajectory) -> dict[str, str]:
-    """Return, by the engine's reasons, where the first row of each stands, to show to a person.
-
-    The engine alone decides and counts; this only says where to look.
-    """
-    norm = np.linalg.norm(trajectory.quaternions, axis=1)
-    with np.errstate(invalid="ignore"):
-        bad = {
-            "non_finite": ~(np.isfinite(trajectory.positions).all(axis=1) & np.isfinite(norm)),
-            "zero_quaternion": norm < 1e-6,
-            "unnormalized_quaternion": (norm >= 1e-6) & (np.abs(norm - 1) > 0.01),
-            **_bad_stamps(trajectory.stamps),
-        }
-    found = {
-        reason: trajectory.where(int(np.argmax(rows))) for reason, rows in bad.items() if rows.any()
-    }
-    if len(trajectory.non_finite_stamp_rows):
-        row = int(trajectory.non_finite_stamp_rows[0])
-        found["non_finite"] = f"{trajectory.source}, row {row}"
-    return found
-
-
-def _bad_stamps(stamps: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.bool_]]:
-    latest = np.maximum.accumulate(stamps)
-    repeated = np.ones(len(stamps), bool)
-    repeated[np.unique(stamps, return_index=True)[1]] = False
-    back = np.zeros(len(stamps), bool)
-    back[1:] = stamps[1:] < latest[:-1]
-    return {"duplicate_stamp": repeated, "out_of_order": back & ~repeated}

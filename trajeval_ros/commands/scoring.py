@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -12,19 +13,22 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.commands.console import CommandError, Progress
-from trajeval_ros.commands.inputs import Inputs, first_bad_rows
+from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.files.output import OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.metrics.gauge import GAUGES
 from trajeval_ros.metrics.umeyama import Gauge
+from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
-from trajeval_ros.online.results import Evaluations, Results
+from trajeval_ros.online.results import Evaluations, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
 
 Figures = dict[str, Any]
+
+_NON_FINITE = str(Reason.NON_FINITE)
 
 # So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it.
 _CHUNK = 20_000_000_000
@@ -35,8 +39,8 @@ def score(
     parameters: Mapping[str, Any],
     report: Report,
     folder: OutputFolder | None,
-) -> Figures:
-    """Feed the engine in the order of time; return the summary.
+) -> tuple[Figures, list[str]]:
+    """Feed the engine in the order of time; return the summary, and where rejected poses stand.
 
     Raises
     ------
@@ -67,7 +71,10 @@ def score(
             + (f" ({reasons})" if reasons else "")
         )
     summary = poses.complete(summary, parameters["gauge"])
-    return {**summary, "likely_causes": [asdict(cause) for cause in report.causes()]}
+    summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
+    health = engine.health()
+    places = _where_to_look("estimate", estimate, health.estimate)
+    return summary, places + _where_to_look("ground truth", truth, health.ground_truth)
 
 
 def samples(trajectory: Trajectory) -> PoseSamples:
@@ -82,7 +89,7 @@ def _count_unstamped(counts: Figures, trajectory: Trajectory) -> None:
     count = len(trajectory.non_finite_stamp_rows)
     if count:
         counts["received"] += count
-        counts["rejected"]["non_finite"] = counts["rejected"].get("non_finite", 0) + count
+        counts["rejected"][_NON_FINITE] = counts["rejected"].get(_NON_FINITE, 0) + count
 
 
 class WholeRun:
@@ -109,13 +116,15 @@ class WholeRun:
         )
 
 
-def where_to_look(data: Inputs, summary: Mapping[str, Any]) -> list[str]:
-    """Return a line for each reason of rejection that has a first row in a file."""
-    lines = []
-    for key, trajectory in (("estimate", data.estimate), ("ground_truth", data.ground_truth)):
-        rejected = summary[key]["rejected"]
-        for reason, where in first_bad_rows(trajectory).items():
-            if rejected.get(reason):
-                title = key.replace("_", " ")
-                lines.append(f"{title}: {rejected[reason]:,} {reason}, the first in {where}")
-    return lines
+def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> list[str]:
+    """Return a line for each reason of rejection that has a first row in the file."""
+    rejected = Counter(health.rejected)
+    rows = {reason: int(trajectory.rows[place]) for reason, place in health.first_rejected.items()}
+    unstamped = trajectory.non_finite_stamp_rows
+    if len(unstamped):
+        rejected[_NON_FINITE] += len(unstamped)
+        rows[_NON_FINITE] = min(int(unstamped[0]), rows.get(_NON_FINITE, int(unstamped[0])))
+    return [
+        f"{title}: {rejected[reason]:,} {reason}, the first in {trajectory.source}, row {row}"
+        for reason, row in rows.items()
+    ]

@@ -57,16 +57,27 @@ class Account:
         """Start at zero."""
         self.received = 0
         self._rejected: Counter[Reason] = Counter()
+        self._first: dict[Reason, int] = {}
 
-    def reject(self, reason: Reason, count: int = 1) -> None:
-        """Count rejected poses."""
+    def reject(self, reason: Reason, count: int = 1, first: int | None = None) -> None:
+        """Count rejected poses.
+
+        ``first``: how many poses of the topic had come before the first of these, where known.
+        """
         if count:
             self._rejected[reason] += count
+            if first is not None:
+                self._first.setdefault(reason, first)
 
     @property
     def rejected(self) -> dict[str, int]:
         """Rejected poses by reason, in the order of :class:`Reason`."""
         return {str(r): self._rejected[r] for r in Reason if self._rejected[r]}
+
+    @property
+    def first_rejected(self) -> dict[str, int]:
+        """By reason, the place of the first rejected pose in the order of arrival, from 0."""
+        return {str(reason): place for reason, place in self._first.items()}
 
     @property
     def rejected_total(self) -> int:

@@ -397,7 +397,13 @@ class Engine:
     def _topic(intake: Intake, used: int, pending: int) -> TopicHealth:
         account = intake.account
         return TopicHealth(
-            account.received, used, pending, account.rejected, intake.first, intake.last
+            account.received,
+            used,
+            pending,
+            account.rejected,
+            intake.first,
+            intake.last,
+            account.first_rejected,
         )
 
     def figures(self) -> dict[str, object]:

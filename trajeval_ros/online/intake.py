@@ -22,6 +22,7 @@ from trajeval_ros.online.samples import PoseSamples
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
+Places = npt.NDArray[np.int64]
 
 # A stamp further than this (ns) after the one before is held back until it is confirmed ...
 LEAP = 500_000_000
@@ -44,6 +45,17 @@ class Accepted:
     covariances: Array | None
 
 
+@dataclass(frozen=True, slots=True)
+class _Arrived:
+    """Poses with their ``places`` (n,) in the order in which the topic's came."""
+
+    samples: PoseSamples
+    places: Places
+
+    def where(self, mask: Mask) -> _Arrived:
+        return self if mask.all() else _Arrived(_select(self.samples, mask), self.places[mask])
+
+
 class Intake:
     """The gate of one topic."""
 
@@ -52,7 +64,7 @@ class Intake:
         self.account = Account()
         self._use_covariance = use_covariance
         self._last: int | None = None
-        self._held: PoseSamples | None = None
+        self._held: _Arrived | None = None
         self.first: int | None = None
 
     @property
@@ -67,39 +79,42 @@ class Intake:
 
     def accept(self, samples: PoseSamples) -> Accepted:
         """Return what may pass of the new ``samples``; count the rest."""
+        places = self.account.received + np.arange(len(samples))
         self.account.received += len(samples)
         valid = np.ones(len(samples), dtype=np.bool_)
         for reason, wrong in self._faults(samples):
-            self.account.reject(reason, int((wrong & valid).sum()))
-            valid &= ~wrong
-        chosen = _select(samples, valid)
-        return self._convert(self._in_order(chosen))
+            found = places[wrong & valid]
+            if len(found):
+                self.account.reject(reason, len(found), int(found[0]))
+                valid &= ~wrong
+        return self._convert(self._in_order(_Arrived(samples, places).where(valid)))
 
     @property
     def held_stamp(self) -> int | None:
         """Stamp of the pose held back."""
-        return None if self._held is None else int(self._held.stamps[0])
+        return None if self._held is None else int(self._held.samples.stamps[0])
 
     def confirm(self, now: int) -> Accepted:
         """Let in the pose held back if its stamp is not after ``now`` (ns): it leaps nowhere."""
-        held = self._held
-        if held is None or held.stamps[0] > now or held.stamps[0] == 0:
+        stamp = self.held_stamp
+        if self._held is None or stamp is None or stamp > now or stamp == 0:
             return self._convert(_NOTHING)
-        self._held = None
-        self._let_in(int(held.stamps[0]))
-        return self._convert(held)
+        held, self._held = self._held, None
+        self._let_in(stamp)
+        return self._convert(held.samples)
 
     def conclude(self) -> Accepted:
         """No more poses will come: let in the pose held back, unless its stamp is too far off."""
         held, self._held = self._held, None
         if held is None:
             return self._convert(_NOTHING)
-        leap = 0 if self._last is None else int(held.stamps[0]) - self._last
+        stamp = int(held.samples.stamps[0])
+        leap = 0 if self._last is None else stamp - self._last
         if leap > _LONGEST_LEAP:
-            self.account.reject(Reason.STAMP_JUMP)
+            self._reject(Reason.STAMP_JUMP, held.places[0])
             return self._convert(_NOTHING)
-        self._let_in(int(held.stamps[0]))
-        return self._convert(held)
+        self._let_in(stamp)
+        return self._convert(held.samples)
 
     def _faults(self, samples: PoseSamples) -> list[tuple[Reason, Mask]]:
         """Masks (n,) of the poses that are wrong in themselves; the first that applies counts."""
@@ -124,9 +139,9 @@ class Intake:
             faults.append((Reason.INVALID_COVARIANCE, _invalid(samples.covariances)))
         return faults
 
-    def _in_order(self, samples: PoseSamples) -> PoseSamples:
+    def _in_order(self, arrived: _Arrived) -> PoseSamples:
         """Keep increasing stamps; hold back a leap."""
-        stamps = samples.stamps
+        samples, stamps = arrived.samples, arrived.samples.stamps
         if len(stamps) == 0:
             return samples
         if self._held is None and self._last is not None:
@@ -134,28 +149,29 @@ class Intake:
             if ((stamps > before) & (stamps - before <= LEAP)).all():
                 self._let_in(int(stamps[-1]))
                 return samples
-        return self._in_order_one_by_one(samples)
+        return self._in_order_one_by_one(arrived)
 
-    def _in_order_one_by_one(self, samples: PoseSamples) -> PoseSamples:
+    def _in_order_one_by_one(self, arrived: _Arrived) -> PoseSamples:
         """The same where something is wrong with the order; those before a pose judge it."""
-        held, samples = self._held, _joined(self._held, samples)
+        held, arrived = self._held, _joined(self._held, arrived)
+        samples, places = arrived.samples, arrived.places
         keep: list[int] = []
         waiting = None if held is None else 0
         for i in range(0 if held is None else 1, len(samples)):
             stamp = int(samples.stamps[i])
             if waiting is not None and stamp == samples.stamps[waiting]:
-                self.account.reject(Reason.DUPLICATE_STAMP)
+                self._reject(Reason.DUPLICATE_STAMP, places[i])
                 continue
             if self._last is not None and stamp <= self._last:
                 same = stamp == self._last
-                self.account.reject(Reason.DUPLICATE_STAMP if same else Reason.OUT_OF_ORDER)
+                self._reject(Reason.DUPLICATE_STAMP if same else Reason.OUT_OF_ORDER, places[i])
                 continue
             if waiting is not None:
                 before = int(samples.stamps[waiting])
                 if stamp < before:
-                    self.account.reject(Reason.STAMP_JUMP)
+                    self._reject(Reason.STAMP_JUMP, places[waiting])
                 elif before == 0 and stamp - before > LEAP:
-                    self.account.reject(Reason.ZERO_STAMP)
+                    self._reject(Reason.ZERO_STAMP, places[waiting])
                 else:
                     keep.append(waiting)
                     self._let_in(before)
@@ -165,10 +181,12 @@ class Intake:
             else:
                 keep.append(i)
                 self._let_in(stamp)
-        self._held = None if waiting is None else samples[waiting : waiting + 1]
-        mask = np.zeros(len(samples), dtype=np.bool_)
-        mask[keep] = True
-        return _select(samples, mask)
+        index = np.arange(len(samples))
+        self._held = None if waiting is None else arrived.where(index == waiting)
+        return _select(samples, np.isin(index, keep))
+
+    def _reject(self, reason: Reason, place: np.int64) -> None:
+        self.account.reject(reason, 1, int(place))
 
     def _let_in(self, stamp: int) -> None:
         if self.first is None:
@@ -212,9 +230,10 @@ def _select(samples: PoseSamples, mask: Mask) -> PoseSamples:
     )
 
 
-def _joined(first: PoseSamples | None, second: PoseSamples) -> PoseSamples:
-    if first is None:
-        return second
+def _joined(held: _Arrived | None, arrived: _Arrived) -> _Arrived:
+    if held is None:
+        return arrived
+    first, second = held.samples, arrived.samples
     covariances = None
     if first.covariances is not None or second.covariances is not None:
         parts = [
@@ -222,9 +241,10 @@ def _joined(first: PoseSamples | None, second: PoseSamples) -> PoseSamples:
             for part in (first, second)
         ]
         covariances = np.concatenate(parts)
-    return PoseSamples(
+    samples = PoseSamples(
         np.concatenate([first.stamps, second.stamps]),
         np.concatenate([first.positions, second.positions]),
         np.concatenate([first.quaternions, second.quaternions]),
         covariances,
     )
+    return _Arrived(samples, np.concatenate([held.places, arrived.places]))

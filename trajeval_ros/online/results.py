@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -89,7 +89,11 @@ class Results:
 
 @dataclass(frozen=True, slots=True)
 class TopicHealth:
-    """One topic's account; stamps in ns, of the first and the newest pose let in."""
+    """One topic's account; stamps in ns, of the first and the newest pose let in.
+
+    ``first_rejected``: by reason, how many poses had come before the first that was not let in for
+    it; not for reasons that the ground truth gives.
+    """
 
     received: int
     used: int
@@ -97,6 +101,7 @@ class TopicHealth:
     rejected: dict[str, int]
     first_stamp: int | None
     latest_stamp: int | None
+    first_rejected: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
