@@ -69,13 +69,15 @@ POSE_TYPES: dict[str, PoseType] = {
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """Poses in the order of their messages, and the frames of the newest one.
+    """Poses in the order of their messages, and their frames.
 
-    ``undecodable`` messages, bytes that are not the type's serialisation, are left out.
+    ``frames`` are the messages' ``frame_id``, each where it changes: at least one if there is a
+    pose; ``child_frame`` is the newest one's. ``undecodable`` messages, bytes that are not the
+    type's serialisation, are left out.
     """
 
     samples: PoseSamples
-    frame: str
+    frames: tuple[str, ...]
     child_frame: str
     undecodable: int
 
@@ -98,16 +100,18 @@ def decode(pose_type: PoseType, messages: Sequence[bytes]) -> Decoded:
     """
     stamps = [np.empty(0, dtype=np.int64)]
     values = [np.empty((0, _width(pose_type)))]
-    frame = child_frame = b""
+    frames: list[bytes] = []
+    child_frame = b""
     pairs = [(layout, m) for m in messages for layout, m in _understood(pose_type, m)]
     for layout, group in groupby(pairs, key=itemgetter(0)):
         batch = _read(pose_type, layout, [message for _, message in group])
         stamps.append(batch[0])
         values.append(batch[1])
-        frame, child_frame = layout.frame, layout.child_frame
+        frames.append(layout.frame)
+        child_frame = layout.child_frame
     return Decoded(
         _samples(np.concatenate(stamps), np.concatenate(values)),
-        _text(frame),
+        tuple(_text(frame) for frame, _ in groupby(frames)),
         _text(child_frame),
         len(messages) - len(pairs),
     )

@@ -187,9 +187,10 @@ class Input:
         self._sequence = sequence
 
     def _note_frames(self, decoded: Decoded) -> None:
-        if self._frame is not None and decoded.frame != self._frame:
-            self._frame_changes += 1
-        self._frame = decoded.frame
+        frames = decoded.frames
+        self._frame_changes += len(frames) - 1
+        self._frame_changes += self._frame is not None and frames[0] != self._frame
+        self._frame = frames[-1]
         self.child_frame = decoded.child_frame
 
 
