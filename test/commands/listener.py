@@ -7,11 +7,16 @@ import sys
 import time
 
 import rclpy
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
+from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
 
-ground_truth_topic, estimate_topic, expected, seconds = sys.argv[1:]
+ground_truth_topic, estimate_topic, expected, seconds, *names = sys.argv[1:]
+kinds = {
+    k.__name__: k for k in (PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped)
+}
+kind = kinds[names[0]] if names else PoseStamped
 rclpy.init()
 node = rclpy.create_node("listener")
 heard = {"ground_truth": [], "estimate": [], "clock": []}
@@ -21,9 +26,16 @@ def nanoseconds(stamp) -> int:
     return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
+def parts(message):
+    if kind is TransformStamped:
+        return message.transform.translation, message.transform.rotation
+    pose = message.pose if kind is PoseStamped else message.pose.pose
+    return pose.position, pose.orientation
+
+
 def listen(name: str):
-    def hear(message: PoseStamped) -> None:
-        position, orientation = message.pose.position, message.pose.orientation
+    def hear(message) -> None:
+        position, orientation = parts(message)
         heard[name].append(
             [
                 nanoseconds(message.header.stamp),
@@ -36,8 +48,8 @@ def listen(name: str):
     return hear
 
 
-node.create_subscription(PoseStamped, ground_truth_topic, listen("ground_truth"), 1000)
-node.create_subscription(PoseStamped, estimate_topic, listen("estimate"), 1000)
+node.create_subscription(kind, ground_truth_topic, listen("ground_truth"), 1000)
+node.create_subscription(kind, estimate_topic, listen("estimate"), 1000)
 node.create_subscription(Clock, "/clock", lambda m: heard["clock"].append(nanoseconds(m.clock)), 10)
 executor = SingleThreadedExecutor()
 executor.add_node(node)

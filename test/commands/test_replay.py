@@ -18,6 +18,7 @@ import pytest
 
 from trajeval_ros.commands.replay import split_ros_arguments
 from trajeval_ros.commands.simulate import write_files
+from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.files.tum import read_tum
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -96,6 +97,44 @@ def test_every_message_arrives_once_and_exactly(
     assert clock[-1] == stamps.max()
     # no hole in the clock, not even in a dropout of 4 s
     assert np.diff(clock).max() < 1.5e9
+
+
+@ros
+@pytest.mark.parametrize("name", ["PoseWithCovarianceStamped", "Odometry", "TransformStamped"])
+def test_the_type_of_the_messages(
+    name: str, run: tuple[Path, Path], start: Start, replay: Start
+) -> None:
+    expected = {"ground_truth": read_tum(run[0]), "estimate": read_tum(run[1])}
+    total = sum(map(len, expected.values()))
+    listener = start(LISTENER, "/ground_truth", "/estimate", total, 30, name)
+    player = replay("tum", *run, "--rate", 12, "--type", name)
+    _, errors = player.communicate(timeout=60)
+    assert player.returncode == 0, errors
+    heard: dict[str, Any] = json.loads(listener.communicate(timeout=60)[0])
+    for topic, trajectory in expected.items():
+        assert [message[0] for message in heard[topic]] == trajectory.stamps.tolist()
+        assert [message[2] for message in heard[topic]] == trajectory.positions.tolist()
+        assert [message[3] for message in heard[topic]] == trajectory.quaternions.tolist()
+
+
+@ros
+@pytest.mark.parametrize("covariances", [None, np.arange(36.0).reshape(1, 6, 6)])
+def test_the_type_that_the_data_ask_for(covariances: Any) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    from trajeval_ros.commands import player
+
+    trajectory = Trajectory(
+        *(np.zeros(1, np.int64), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]])),
+        *(np.ones(1, np.int64), "made up", covariances),
+    )
+    kind = player._kind(None, trajectory)
+    assert kind.__name__ == ("PoseStamped" if covariances is None else "PoseWithCovarianceStamped")
+    odometry = player._Template(player._kind("Odometry", trajectory), "map")
+    given = None if covariances is None else covariances[0]
+    odometry.fill(player._time(5), [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0], given)
+    message = odometry.message
+    assert message.pose.covariance.tolist() == ([0.0] * 36 if given is None else [*range(36)])
+    assert (message.header.frame_id, message.header.stamp.nanosec) == ("map", 5)
 
 
 @ros

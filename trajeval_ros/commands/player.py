@@ -12,9 +12,11 @@ from types import FrameType, TracebackType
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 import rclpy
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
+from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
@@ -29,6 +31,8 @@ from trajeval_ros.commands.schedule import Schedule, merge
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.rcl_errors import first_line
 
+Array = npt.NDArray[np.float64]
+
 SECOND = 1_000_000_000
 
 # A burst is what falls due while we slept. Late, we catch up with at most this many messages in
@@ -40,10 +44,42 @@ _TICK = 0.01
 _CLOCK_INTERVAL = 0.001
 
 
+_KINDS: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped)
+}
+
+
+class _Template:
+    """A message of one topic that is filled and published again and again."""
+
+    def __init__(self, kind: Any, frame: str) -> None:
+        self.message = kind()
+        self.message.header.frame_id = frame
+        self._covariance: Any = None
+        if kind is TransformStamped:
+            transform = self.message.transform
+            self._position, self._orientation = transform.translation, transform.rotation
+            return
+        pose = self.message.pose
+        if kind is not PoseStamped:
+            self._covariance, pose = pose, pose.pose
+        self._position, self._orientation = pose.position, pose.orientation
+
+    def fill(self, stamp: Time, values: Sequence[float], covariance: Array | None) -> None:
+        """Take a stamp, ``x y z qx qy qz qw`` and, where the type has one, a covariance (6, 6)."""
+        self.message.header.stamp = stamp
+        position, turned = self._position, self._orientation
+        position.x, position.y, position.z, turned.x, turned.y, turned.z, turned.w = values
+        if self._covariance is not None and covariance is not None:
+            self._covariance.covariance = covariance.ravel()
+
+
 class Player:
     """A node that publishes ``ground_truth``, ``estimate`` and ``/clock``.
 
-    Poses that come with covariances are PoseWithCovarianceStamped, the others PoseStamped.
+    ``type_name`` is the messages' type; without one, poses that come with covariances are
+    PoseWithCovarianceStamped, the others PoseStamped.
     ``time_offset`` in seconds is added to the estimate's stamps to find when it comes, not to the
     stamps that are published.
     """
@@ -53,6 +89,7 @@ class Player:
         data: Inputs,
         *,
         frames: tuple[str, str],
+        type_name: str | None = None,
         time_offset: float,
         clock: bool,
         ros_arguments: Sequence[str] = (),
@@ -82,18 +119,15 @@ class Player:
             raise UsageError(first_line(error)) from error
         signal.signal(signal.SIGTERM, _interrupt)
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-        kinds = [
-            PoseStamped if each.covariances is None else PoseWithCovarianceStamped
-            for each in self._topics
-        ]
+        kinds = [_kind(type_name, each) for each in self._topics]
         self._publishers: list[Publisher] = [
             self._node.create_publisher(kind, name, qos)
             for kind, name in zip(kinds, ("ground_truth", "estimate"), strict=True)
         ]
         self._clock = self._node.create_publisher(Clock, "/clock", 10) if clock else None
-        self._messages = [kind() for kind in kinds]
-        for message, frame in zip(self._messages, frames, strict=True):
-            message.header.frame_id = frame
+        self._templates = [
+            _Template(kind, frame) for kind, frame in zip(kinds, frames, strict=True)
+        ]
         self._published = [0, 0]
         self._started = time.monotonic()
 
@@ -158,24 +192,13 @@ class Player:
             self._clock.publish(Clock(clock=_time(nanoseconds)))
 
     def _publish(self, topic: int, row: int) -> None:
-        message = self._messages[topic]
-        message.header.stamp = _time(self._stamps[topic][row])
-        covariances = self._topics[topic].covariances
-        pose = message.pose
-        if covariances is not None:
-            pose.covariance = covariances[row].ravel()
-            pose = pose.pose
-        position, orientation = pose.position, pose.orientation
-        (
-            position.x,
-            position.y,
-            position.z,
-            orientation.x,
-            orientation.y,
-            orientation.z,
-            orientation.w,
-        ) = self._rows[topic][row]
-        self._publishers[topic].publish(message)
+        template, covariances = self._templates[topic], self._topics[topic].covariances
+        template.fill(
+            _time(self._stamps[topic][row]),
+            self._rows[topic][row],
+            None if covariances is None else covariances[row],
+        )
+        self._publishers[topic].publish(template.message)
         self._published[topic] += 1
 
     def wait_for_acknowledgement(self, seconds: float) -> bool:
@@ -210,6 +233,13 @@ class Player:
 
 def _interrupt(signum: int, frame: FrameType | None) -> Any:
     raise KeyboardInterrupt
+
+
+def _kind(type_name: str | None, trajectory: Trajectory) -> Any:
+    """The message type of a topic."""
+    if type_name is not None:
+        return _KINDS[type_name]
+    return PoseStamped if trajectory.covariances is None else PoseWithCovarianceStamped
 
 
 def _time(nanoseconds: int) -> Time:

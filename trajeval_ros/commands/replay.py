@@ -10,11 +10,13 @@ from collections.abc import Sequence
 
 from trajeval_ros.commands import console, inputs
 
+TYPES = ("PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped")
+
 DESCRIPTION = """\
 Publish ground truth and estimate as live topics, in the order of their stamps, with /clock:
-ground_truth and estimate, PoseStamped (PoseWithCovarianceStamped where there are covariances),
-reliable, depth 1000. Waits for a subscriber of each before it begins, and for their
-acknowledgement before it ends. Remap as any node: --ros-args -r estimate:=/odom"""
+ground_truth and estimate, PoseStamped (PoseWithCovarianceStamped where there are covariances) or
+of the type given, reliable, depth 1000. Waits for a subscriber of each before it begins, and for
+their acknowledgement before it ends. Remap as any node: --ros-args -r estimate:=/odom"""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -59,6 +61,12 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="the estimate's, to publish what belongs together at one time; stamps stay as they"
         " are (default: 0)",
+    )
+    parser.add_argument(
+        "--type",
+        choices=TYPES,
+        help="of the messages; covariances are left out where it has none, and zero where the data"
+        " have none (default: by the data)",
     )
     parser.add_argument(
         "--frame-id", default="world", metavar="NAME", help="of the ground truth (default: world)"
@@ -106,6 +114,7 @@ def replay(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
         ) from error
     with Player(
         data,
+        type_name=arguments.type,
         frames=(arguments.frame_id, arguments.estimate_frame_id),
         time_offset=arguments.time_offset,
         clock=not arguments.no_clock,
