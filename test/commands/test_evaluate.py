@@ -304,6 +304,8 @@ def test_parameters_from_the_nodes_file(run: tuple[Path, Path], tmp_path: Path) 
         "/**:\n"
         "  ros__parameters:\n"
         "    use_sim_time: true\n"
+        "    qos_overrides:\n"
+        "      /estimate.subscription.depth: 5\n"
         "    gauge: yaw_translation\n"
         "    window:\n"
         "      duration: 1e1\n"

@@ -221,6 +221,7 @@ def test_the_default_file_and_a_dump_reproduce_the_parameters(graph: Graph, tmp_
     changed = default.read_text(encoding="utf-8").replace(
         "window.duration: 30.0", "window.duration: 7"
     )
+    changed += "    qos_overrides./estimate.subscription.depth: 5\n"
     (tmp_path / "mine.yaml").write_text(changed, encoding="utf-8")
 
     def ask(kind: type, service: str, request: object) -> object:

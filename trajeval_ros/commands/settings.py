@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from trajeval_ros.commands.console import UsageError
-from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value, complete
-
-# The node's own, not the evaluation's.
-_OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+from trajeval_ros.online.parameters import (
+    PARAMETERS,
+    ParameterError,
+    Value,
+    complete,
+    is_of_ros,
+)
 
 _NODE = "evaluator"
 
@@ -123,7 +126,7 @@ def read_file(path: Path) -> dict[str, object]:
     values: dict[str, object] = {}
     for section in _sections(document, path):
         values |= _flatten(section)
-    known = {name: value for name, value in values.items() if not name.startswith(_OF_ROS)}
+    known = {name: value for name, value in values.items() if not is_of_ros(name)}
     for name in known:
         if name not in PARAMETERS:
             raise UsageError(f"{path}: unknown parameter {name}{suggestion(name)}")

@@ -23,10 +23,9 @@ from trajeval_ros.online.parameters import (
     ParameterError,
     Value,
     complete,
+    is_of_ros,
 )
 
-# Parameters that rclpy itself declares on every node.
-_RCLPY = ("use_sim_time", "start_type_description_service")
 _LARGEST_INTEGER = 2**63 - 1
 _TYPES = {
     bool: ParameterType.PARAMETER_BOOL,
@@ -57,7 +56,7 @@ def declare(node: Node) -> dict[str, Value]:
     sim_time = overrides.get("use_sim_time")
     if not isinstance(sim_time, bool):
         raise ParameterError(f"use_sim_time must be a bool, got {sim_time!r}")
-    ours = {name: value for name, value in overrides.items() if name not in _RCLPY}
+    ours = {name: value for name, value in overrides.items() if not is_of_ros(name)}
     values = complete(ours)
     for name in ours:
         node.undeclare_parameter(name)

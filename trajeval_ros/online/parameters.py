@@ -284,6 +284,16 @@ _LEAST_NOISE = 1e-6
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in _TABLE})
 
 
+# What a ROS parameter file may hold for any node.
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+_PREFIX_OF_ROS = "qos_overrides."
+
+
+def is_of_ros(name: str) -> bool:
+    """Whether a parameter is ROS's own: the node has it, and the evaluation passes over it."""
+    return name in _OF_ROS or name.startswith(_PREFIX_OF_ROS)
+
+
 def complete(values: Mapping[str, object]) -> dict[str, Value]:
     """Return every parameter's value: ``values``, validated, over the defaults.
 
