@@ -61,10 +61,8 @@ def test_a_real_pair(dataset, estimate):
     assert counts.used > 0.7 * len(other)
     for value in leaves(summary).values():
         assert not isinstance(value, float) or np.isfinite(value)
-    # KITTI's ground truth is at 10 Hz and of a car: evo takes the nearest sample there.
-    tolerance = 0.1 if dataset == "kitti_00" else 0.03
     ate = summary["conventional"]["ate_translation_rmse"]
-    assert ate == pytest.approx(expected, rel=tolerance)
+    assert ate == pytest.approx(expected, rel=0.03)
     assert engine.health().consistency < 1e-9
     assert summary["absolute"]["log_likelihood_first_order"] == pytest.approx(
         summary["relative"]["log_likelihood"], rel=1e-9

@@ -232,6 +232,7 @@ def test_memory_is_flat_over_a_long_run():
     assert max(sizes) < 60e6
 
 
+@pytest.mark.slow
 def test_memory_is_flat_to_the_byte():
     engine = Engine({**FIXED, "window.duration": 5.0})
     tracemalloc.start()
