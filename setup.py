@@ -18,7 +18,7 @@ EXTRAS = {
     "report": ["matplotlib>=3.6"],
     # The live view of demo
     "terminal": ["rich>=13"],
-    "test": ["pytest>=7.4", "hypothesis>=6.98", "catkin-pkg", "evo", "mpmath"],
+    "test": ["pytest>=7.4", "pytest-xdist>=3", "hypothesis>=6.98", "catkin-pkg", "evo", "mpmath"],
     "bench": ["evo", "scikit-learn"],
     "check": ["import-linter", "mypy", "pre-commit", "ruff", "types-PyYAML"],
 }
