@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 from twins import gp_twin
 
 from trajeval_ros.ground_truth.hyperparameters import Component, GroupHyperparameters
-from trajeval_ros.ground_truth.kernels import Exponential, Matern32, Matern52
+from trajeval_ros.ground_truth.kernels import (
+    Exponential,
+    Matern32,
+    Matern52,
+    SquaredExponential,
+)
 from trajeval_ros.ground_truth.regression import Regression, scale
 
 KERNELS = (Matern52(), Matern32(), Exponential())
@@ -28,11 +33,22 @@ def samples(count, seed=0, interval=0.05):
     return times, values, rng.uniform(0.5, 2.0, count) * 1e-6
 
 
-def conditioned(group, times, values, noise, batches=1):
-    regression = Regression(KERNELS, group, values.shape[1])
+def another_group(parts=3):
+    components = (Component(0.1, 0.7), Component(0.05, 0.2), Component(0.001, 0.02))[:parts]
+    return GroupHyperparameters(components, 2e-3)
+
+
+def conditioned(groups, times, values, noise, batches=1, kernels=KERNELS):
+    """Groups that have the same samples, one with a tenth of the other's noise."""
+    regression = Regression(kernels, groups, values.shape[1])
     for end in np.linspace(0, len(times), batches + 1).astype(int)[1:]:
-        regression.extend(times[:end], values[:end], noise[:end])
+        regression.extend(times[:end], *both(values[:end], noise[:end], len(groups)))
     return regression
+
+
+def both(values, noise, groups=2):
+    shares = 0.1 ** np.arange(groups)
+    return np.repeat(values[:, None], groups, axis=1), noise[:, None] * shares
 
 
 @given(
@@ -40,29 +56,50 @@ def conditioned(group, times, values, noise, batches=1):
     parts=st.integers(1, 3),
     batches=st.integers(1, 5),
     seed=st.integers(0, 99),
+    kernel=st.sampled_from([*NAMES, "SquaredExponential", None]),
 )
-def test_posterior_is_the_dense_one(count, parts, batches, seed):
-    group = a_group(parts)
+def test_posterior_is_the_dense_one(count, parts, batches, seed, kernel):
+    one = {type(k).__name__: k for k in (*KERNELS, SquaredExponential())}
+    kernels, names = (KERNELS, NAMES) if kernel is None else ((one[kernel],), (kernel,))
+    parts = min(parts, len(kernels))
+    groups = a_group(parts), another_group(parts)
     times, values, noise = samples(count, seed)
-    regression = conditioned(group, times, values, noise, min(batches, count))
+    regression = conditioned(groups, times, values, noise, min(batches, count), kernels)
     rng = np.random.default_rng(seed)
     asked = rng.uniform(-0.2, times[-1] + 0.2, 7)
     counts = rng.integers(1, count + 1, 7)
     mean, variance = regression.posterior(asked, counts)
+    for g, group in enumerate(groups):
+        for i, n in enumerate(counts):
+            own = noise[:n] * 0.1**g
+            expected, covariance = gp_twin.posterior(
+                names, group.components, times[:n], values[:n], own, asked[i : i + 1]
+            )
+            np.testing.assert_allclose(mean[i, g], expected[0], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(variance[i, g], covariance[0, 0], rtol=1e-6, atol=1e-12)
+
+
+def test_posterior_across_gaps_is_the_dense_one():
+    groups, (times, values, noise) = (a_group(), another_group()), samples(130)
+    times = times + 70.0 * (np.arange(130) > 31) + 1e5 * (np.arange(130) > 100)
+    regression = conditioned(groups, times, values, noise)
+    asked, counts = times[[20, 60, 120]] + 0.01, np.array([40, 80, 130])
+    mean, variance = regression.posterior(asked, counts)
     for i, n in enumerate(counts):
         expected, covariance = gp_twin.posterior(
-            NAMES, group.components, times[:n], values[:n], noise[:n], asked[i : i + 1]
+            NAMES, groups[0].components, times[:n], values[:n], noise[:n], asked[i : i + 1]
         )
-        np.testing.assert_allclose(mean[i], expected[0], rtol=0, atol=1e-9)
-        np.testing.assert_allclose(variance[i], covariance[0, 0], rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(mean[i, 0], expected[0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(variance[i, 0], covariance[0, 0], rtol=1e-6)
 
 
-def test_truncated_answer_is_that_of_a_process_built_on_the_truncated_data():
-    group, (times, values, noise) = a_group(), samples(150)
-    whole = conditioned(group, times, values, noise)
+@pytest.mark.parametrize("kernels", [KERNELS, (SquaredExponential(),)])
+def test_truncated_answer_is_that_of_a_process_built_on_the_truncated_data(kernels):
+    groups, (times, values, noise) = (a_group(len(kernels)),), samples(150)
+    whole = conditioned(groups, times, values, noise, kernels=kernels)
     asked = np.linspace(0.0, times[40], 25)
     for n in (1, 31, 32, 33, 64, 100):
-        part = conditioned(group, times[:n], values[:n], noise[:n])
+        part = conditioned(groups, times[:n], values[:n], noise[:n], kernels=kernels)
         counts = np.full(25, n)
         for mine, other in zip(
             whole.posterior(asked, counts), part.posterior(asked, counts), strict=True
@@ -71,50 +108,28 @@ def test_truncated_answer_is_that_of_a_process_built_on_the_truncated_data():
         np.testing.assert_array_equal(whole.squares(counts), part.squares(counts))
 
 
-def test_digits_do_not_depend_on_the_batches():
-    group, (times, values, noise) = a_group(), samples(200)
-    whole = conditioned(group, times, values, noise)
+@pytest.mark.parametrize("kernels", [KERNELS, (SquaredExponential(),)])
+def test_digits_do_not_depend_on_the_batches(kernels):
+    groups = a_group(len(kernels)), another_group(len(kernels))
+    times, values, noise = samples(200)
+    whole = conditioned(groups, times, values, noise, kernels=kernels)
     asked = np.sort(np.random.default_rng(1).uniform(0.0, times[-1], 30))
     counts = np.minimum(np.searchsorted(times, asked + 0.3) + 1, len(times))
     mean, variance = whole.posterior(asked, counts)
-    grown = Regression(KERNELS, group, 3)
+    grown = Regression(kernels, groups, 3)
     for i, n in enumerate(counts):
         if n > grown.count:
-            grown.extend(times[:n], values[:n], noise[:n])
+            grown.extend(times[:n], *both(values[:n], noise[:n]))
         one_mean, one_variance = grown.posterior(asked[i : i + 1], counts[i : i + 1])
         np.testing.assert_array_equal(one_mean[0], mean[i])
         np.testing.assert_array_equal(one_variance[0], variance[i])
 
 
-@pytest.mark.parametrize("count", [2, 40, 130])
-def test_covariance_is_the_dense_one(count):
-    group, (times, values, noise) = a_group(), samples(count)
-    regression = conditioned(group, times, values, noise)
-    asked = np.linspace(-0.1, times[-1] + 0.1, 12)
-    covariance = regression.covariance(asked, np.full(12, count))
-    _, expected = gp_twin.posterior(NAMES, group.components, times, values, noise, asked)
-    np.testing.assert_allclose(covariance, expected, rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(
-        np.diag(covariance), regression.posterior(asked, np.full(12, count))[1], rtol=1e-6
-    )
-
-
-def test_covariance_of_two_queries_is_given_the_larger_of_their_sets():
-    group, (times, values, noise) = a_group(), samples(60)
-    regression = conditioned(group, times, values, noise)
-    asked, counts = np.array([times[10], times[12] + 0.01]), np.array([15, 40])
-    covariance = regression.covariance(asked, counts)
-    given_all = regression.covariance(asked, np.array([40, 40]))
-    assert covariance[0, 1] == pytest.approx(given_all[0, 1], rel=1e-9)
-    assert covariance[1, 1] == pytest.approx(given_all[1, 1], rel=1e-9)
-    assert covariance[0, 0] > given_all[0, 0]
-
-
 def test_scale_follows_the_data_from_the_prior():
     group, (times, values, noise) = a_group(), samples(80)
-    regression = conditioned(group, times, values, noise)
+    regression = conditioned((group,), times, values, noise)
     counts = np.array([1, 2, 20, 80])
-    squares = regression.squares(counts)
+    squares = regression.squares(counts)[:, 0]
     for n, value in zip(counts, squares, strict=True):
         expected = gp_twin.square(NAMES, group.components, times[:n], values[:n], noise[:n])
         assert value == pytest.approx(expected, rel=1e-5, abs=1e-5)
@@ -128,13 +143,13 @@ def test_variance_never_falls_below_round_off():
     group = GroupHyperparameters((Component(100.0, 60.0),), 1e-9)
     times = np.linspace(0.0, 1.0, 100)
     values = np.zeros((100, 3))
-    regression = conditioned(group, times, values, np.full(100, 1e-8))
+    regression = conditioned((group,), times, values, np.full(100, 1e-8))
     _, variance = regression.posterior(times, np.full(100, 100))
     assert (variance > 0.0).all()
 
 
 def test_samples_at_one_time_are_refused():
     group = GroupHyperparameters((Component(1.0, 1.0),), 1e-12)
-    regression = Regression((Matern52(),), group, 1)
+    regression = Regression((Matern52(),), (group,), 1)
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        regression.extend(np.zeros(3), np.zeros((3, 1)), np.full(3, -1e-3))
+        regression.extend(np.zeros(3), np.zeros((3, 1, 1)), np.full((3, 1), -1e-3))

@@ -21,7 +21,7 @@ from twins.ground_truths import (
 from twins.runs import SECOND, START, motion
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.segment import Samples
+from trajeval_ros.ground_truth.segment import Samples, in_world
 from trajeval_ros.ground_truth.segmentation import Segmentation
 
 
@@ -66,7 +66,8 @@ def test_the_answer_is_the_weighted_one_of_the_segments(times, shape):
             weight = blended.weight(stamps[i : i + 1])[0]
             if weight > 0.0:
                 process = truth._process(blended.index)
-                answered = blended.segment.posterior(process, stamps[i : i + 1], until[i : i + 1])
+                asked = blended.segment.posterior(process, stamps[i : i + 1], until[i : i + 1])
+                answered = in_world([asked])
                 poses.append(answered.poses[0])
                 covariances.append(answered.covariances[0])
                 weights.append(weight)
@@ -113,7 +114,8 @@ def test_there_is_something_to_jump_between():
     first, second = list(segmentation)[:2]
     stamps = np.array([second.incoming.begin + SECOND // 7])
     process = ground_truth(samples)._process(0)
-    answers = [b.segment.posterior(process, stamps, samples.stamps[-1:]) for b in (first, second)]
+    asked = [b.segment.posterior(process, stamps, samples.stamps[-1:]) for b in (first, second)]
+    answers = [in_world([answer]) for answer in asked]
     assert np.abs(answers[0].poses - answers[1].poses).max() > 1e-6
     first, second = (np.trace(answer.covariances[0]) for answer in answers)
     assert abs(first / second - 1.0) > 1e-4

@@ -40,7 +40,7 @@ from trajeval_ros.ground_truth.segment import Answer, Process, Segment
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 
 # α: a Cholesky factor of n rows perturbs a matrix of unit diagonal by about n units of round-off
 # (Higham, Accuracy and Stability of Numerical Algorithms, theorem 10.3), and n is some thousands:
@@ -54,15 +54,15 @@ _WHITE_PRIOR = 2.0**-46
 class Part:
     """A segment's share in the answers to a batch of queries.
 
-    ``asked`` (q,) says which of them; ``share`` the segment's weights there.
+    ``asked`` (n,) are the indices of those it answers, in their order; ``share`` (n,) the
+    segment's weights there.
     """
 
     index: int
     segment: Segment
     process: Process
-    asked: Mask
+    asked: Indices
     share: Array
-    answer: Answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,20 +93,28 @@ class JointCovariance:
         self._remembered: dict[int, _Queries] = {}
 
     def extend(
-        self, stamps: Stamps, until: Stamps, covariances: Array, parts: list[Part]
+        self,
+        stamps: Stamps,
+        until: Stamps,
+        covariances: Array,
+        parts: list[Part],
+        answers: Answer,
     ) -> tuple[Array, ...]:
         """Return for each of the next poses its covariances ``E[ξ_j ξ_iᵀ]`` with poses j before it.
 
         (p, 6, 6) for each, those of the p poses just before it, oldest first: all others are zero.
         ``stamps`` and ``until`` (q,) as in :meth:`GroundTruth.posterior`, not decreasing, nor from
-        call to call; ``covariances`` (q, 6, 6), blended.
+        call to call; ``covariances`` (q, 6, 6), blended; ``answers`` of all parts, one after the
+        other.
         """
-        unmixing = _unmixing(covariances, parts)
+        ends = np.cumsum([len(part.asked) for part in parts])
+        own = [answers[end - len(part.asked) : end] for part, end in zip(parts, ends, strict=True)]
+        unmixing = _unmixing(covariances, parts, own)
         places = self._count + np.arange(len(stamps))
         extended = {}
-        for part in parts:
+        for part, answer in zip(parts, own, strict=True):
             asked = part.asked
-            roots = unmixing[asked] @ (part.answer.to_body * part.answer.scales[:, None])
+            roots = unmixing[asked] @ (answer.to_body * answer.scales[:, None])
             before = self._remembered.get(part.index, _NO_QUERIES)
             extended[part.index] = _Queries(
                 np.concatenate([before.places, places[asked]]),
@@ -121,15 +129,16 @@ class JointCovariance:
         for part in parts:
             self._add(cross, part, extended[part.index], until)
         self._count += len(stamps)
-        self._remembered = {part.index: extended[part.index] for part in parts if part.asked[-1]}
+        self._remembered = {
+            part.index: extended[part.index] for part in parts if part.asked[-1] == len(stamps) - 1
+        }
         return tuple(cross)
 
     def _add(self, cross: list[Array], part: Part, queries: _Queries, until: Stamps) -> None:
         """Add one segment's term to the covariances of its new queries with all of its queries."""
-        fresh = np.flatnonzero(part.asked)
-        known = len(queries.places) - len(fresh)
+        known = len(queries.places) - len(part.asked)
         rows = part.segment.cross_variances(part.process, queries.stamps, known, until[part.asked])
-        for j, (row, target) in enumerate(zip(rows, fresh, strict=True)):
+        for j, (row, target) in enumerate(zip(rows, part.asked, strict=True)):
             earlier = known + j
             if earlier:
                 weighted = (queries.roots[:earlier] * row[:, None]).reshape(-1, 6)
@@ -138,11 +147,10 @@ class JointCovariance:
                 cross[target][-earlier:] += block.reshape(earlier, 6, 6)
 
 
-def _unmixing(covariances: Array, parts: list[Part]) -> Array:
+def _unmixing(covariances: Array, parts: list[Part], answers: list[Answer]) -> Array:
     """D of the module's description; (q, 6, 6)."""
     mixed = np.zeros_like(covariances)
-    for part in parts:
-        answer = part.answer
+    for part, answer in zip(parts, answers, strict=True):
         root = answer.to_body * answer.scales[:, None]
         variance, noise = part.process.variances
         white = (

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,8 +92,24 @@ class Process:
 
 
 @dataclass(frozen=True, slots=True)
+class LocalAnswer:
+    """What a segment says of q queries, in its own coordinates about ``reference`` (4, 4).
+
+    ``mean`` (q, 6) and ``variances`` P (q, 6), with the squares of ``scales`` s (q, 6).
+    """
+
+    reference: Array
+    mean: Array
+    variances: Array
+    scales: Array
+
+
+_NO_ANSWER = LocalAnswer(np.eye(4), np.empty((0, 6)), np.empty((0, 6)), np.empty((0, 6)))
+
+
+@dataclass(frozen=True, slots=True)
 class Answer:
-    """What a segment says of q queries.
+    """What segments say of q queries.
 
     ``poses`` (q, 4, 4) in the world; ``covariances`` ``Σ = B P Bᵀ`` (q, 6, 6) of their right
     perturbation, in the body frame; ``to_body`` B (q, 6, 6); ``variances`` P (q, 6) of the local
@@ -104,6 +121,34 @@ class Answer:
     to_body: Array
     variances: Array
     scales: Array
+
+    def __getitem__(self, index: slice) -> Answer:
+        """Return consecutive answers."""
+        return Answer(
+            self.poses[index],
+            self.covariances[index],
+            self.to_body[index],
+            self.variances[index],
+            self.scales[index],
+        )
+
+
+def in_world(answers: Sequence[LocalAnswer]) -> Answer:
+    """The answers of segments, one after the other."""
+    answers = answers or [_NO_ANSWER]
+    mean, variances, scales = (
+        np.concatenate(parts)
+        for parts in zip(*((a.mean, a.variances, a.scales) for a in answers), strict=True)
+    )
+    references = np.stack([answer.reference for answer in answers])
+    references = references.repeat([len(answer.mean) for answer in answers], axis=0)
+    rotation = se3.exp_so3(mean[:, 3:])
+    poses = references.copy()
+    poses[:, :3, :3] = references[:, :3, :3] @ rotation
+    poses[:, :3, 3] += (references[:, :3, :3] @ mean[:, :3, None])[..., 0]
+    to_body = _to_body(mean[:, 3:], rotation)
+    covariances = (to_body * variances[:, None]) @ np.swapaxes(to_body, 1, 2)
+    return Answer(poses, covariances, to_body, variances, scales)
 
 
 class Segment:
@@ -120,9 +165,10 @@ class Segment:
     def __init__(self, samples: Samples) -> None:
         """Open a segment with its first samples."""
         self._samples = samples
-        self._coordinates = _continued(self._local(samples.poses))
-        self._variances = self._sample_variances(samples, self._coordinates)
-        self._regressions: tuple[tuple[Regression, ...], ...] = ()
+        # Of the first samples, as far as they were asked for.
+        self._coordinates = np.empty((0, 6))
+        self._variances = np.empty((0, 6))
+        self._regression: Regression | None = None
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -141,11 +187,25 @@ class Segment:
     @property
     def coordinates(self) -> Array:
         """``x_k``; (n, 6)."""
+        if len(self._coordinates) < len(self):
+            self.following(np.empty((0, 4, 4)))
         return self._coordinates
 
     @property
     def variances(self) -> Array | None:
-        """The samples' own variances in local coordinates; (n, 6), or None without any."""
+        """The samples' own variances in local coordinates, or None without any; (n, 6).
+
+        They are ``diag(B⁻¹ Σ B⁻ᵀ)`` with B of `_to_body`.
+        """
+        if self._samples.covariances is None:
+            return None
+        known = len(self._variances)
+        if known < len(self):
+            phi = self.coordinates[known:, 3:]
+            to_local = np.linalg.inv(_to_body(phi, se3.exp_so3(phi)))
+            covariances = self._samples.covariances[known:]
+            further = np.einsum("nij,njk,nik->ni", to_local, covariances, to_local)
+            self._variances = np.concatenate([self._variances, further])
         return self._variances
 
     @property
@@ -158,8 +218,13 @@ class Segment:
 
     def following(self, poses: Array) -> Array:
         """Return the coordinates of ``poses`` (n, 4, 4) that follow the last sample; (n, 6)."""
-        last = self._coordinates[-1:]
-        return _continued(np.concatenate([last, self._local(poses)]))[1:]
+        known = self._coordinates
+        poses = np.concatenate([self._samples.poses[len(known) :], poses])
+        further = _continued(np.concatenate([known[-1:], self._local(poses)]))[len(known[-1:]) :]
+        missing = len(self) - len(known)
+        if missing:
+            self._coordinates = np.concatenate([known, further[:missing]])
+        return further[missing:]
 
     def _local(self, poses: Array) -> Array:
         """Return ``x = (R_refᵀ (p - p_ref), Log(R_refᵀ R))``; (n, 6)."""
@@ -172,64 +237,41 @@ class Segment:
         )
         return np.concatenate([position, se3.log_so3(back @ poses[:, :3, :3])], axis=-1)
 
-    def append(self, samples: Samples) -> None:
-        """Add later samples."""
-        coordinates = self.following(samples.poses)
+    def append(self, samples: Samples, coordinates: Array | None = None) -> None:
+        """Add later samples, with their coordinates where these are known from `following`."""
         self._samples = self._samples + samples
-        self._coordinates = np.concatenate([self._coordinates, coordinates])
-        if self._variances is not None:
-            more = self._sample_variances(samples, coordinates)
-            assert more is not None
-            self._variances = np.concatenate([self._variances, more])
+        if coordinates is not None:
+            self._coordinates = np.concatenate([self._coordinates, coordinates])
 
-    @staticmethod
-    def _sample_variances(samples: Samples, coordinates: Array) -> Array | None:
-        """Variances in local coordinates, ``diag(B⁻¹ Σ B⁻ᵀ)`` with B of `_to_body`; (n, 6)."""
-        if samples.covariances is None:
-            return None
-        to_local = np.linalg.inv(_to_body(coordinates[:, 3:]))
-        return np.asarray(np.einsum("nij,njk,nik->ni", to_local, samples.covariances, to_local))
+    def _conditioned(self, process: Process, count: int) -> Regression:
+        """The regression, conditioned on at least ``count`` samples.
 
-    def _conditioned(self, process: Process, count: int) -> tuple[tuple[Regression, ...], ...]:
-        """The regressions of translation and rotation, conditioned on at least ``count`` samples.
-
-        One a group of coordinates, or one a coordinate where each sample has its own variances.
+        Its groups are translation and rotation, or each coordinate where each sample has its own
+        variances.
         """
-        width = 3 if self._variances is None else 1
-        if not self._regressions:
-            self._regressions = tuple(
-                tuple(Regression(process.kernels, group, width) for _ in range(0, 3, width))
-                for group in process.groups
-            )
-        if self._regressions[0][0].count < count:
-            times, coordinates = self.times, iter(range(0, 6, width))
-            for regressions, group in zip(self._regressions, process.groups, strict=True):
-                for regression, first in zip(regressions, coordinates, strict=False):
-                    noise = np.full(len(self), group.noise_std**2)
-                    if self._variances is not None:
-                        noise = noise + self._variances[:, first]
-                    regression.extend(times, self._coordinates[:, first : first + width], noise)
-        return self._regressions
+        width = 3 if self._samples.covariances is None else 1
+        groups = tuple(group for group in process.groups for _ in range(0, 3, width))
+        if self._regression is None:
+            self._regression = Regression(process.kernels, groups, width)
+        if self._regression.count < count:
+            noise = np.tile([group.noise_std**2 for group in groups], (len(self), 1))
+            variances = self.variances
+            if variances is not None:
+                noise = noise + variances
+            values = self.coordinates.reshape(len(self), len(groups), width)
+            self._regression.extend(self.times, values, noise)
+        return self._regression
 
-    def posterior(self, process: Process, stamps: Stamps, until: Stamps) -> Answer:
-        """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,)."""
+    def posterior(self, process: Process, stamps: Stamps, until: Stamps) -> LocalAnswer:
+        """Return the coordinates at ``stamps`` (q,), given the samples up to ``until`` (q,)."""
         counts = np.searchsorted(self._samples.stamps, until, side="right")
-        times = self._seconds(stamps)
-        means, variances, squared_scales = [], [], []
-        conditioned = self._conditioned(process, int(counts.max(initial=0)))
-        for regressions, least in zip(conditioned, process.least_scales, strict=True):
-            answers = [regression.posterior(times, counts) for regression in regressions]
-            squares = np.add.reduce([regression.squares(counts) for regression in regressions])
-            factor = scale(squares, counts, 3, least)
-            squared_scales += [factor] * 3
-            for mean_part, variance_part in answers:
-                means.append(mean_part)
-                variances += [factor * variance_part] * mean_part.shape[1]
-        mean, variance = np.concatenate(means, axis=-1), np.stack(variances, axis=-1)
-        to_body = _to_body(mean[:, 3:])
-        covariance = np.einsum("qij,qj,qkj->qik", to_body, variance, to_body)
-        scales = np.sqrt(np.stack(squared_scales, axis=-1))
-        return Answer(self._pose(mean), covariance, to_body, variance, scales)
+        regression = self._conditioned(process, int(counts.max(initial=0)))
+        mean, variances = regression.posterior(self._seconds(stamps), counts)
+        squares = regression.squares(counts).reshape(len(stamps), 2, -1).sum(axis=-1)
+        factor = np.repeat(scale(squares, counts[:, None], 3, process.least_scales), 3, axis=1)
+        variances = factor * np.repeat(variances, mean.shape[2], axis=1)
+        reference = self._samples.poses[0]
+        return LocalAnswer(reference, mean.reshape(-1, 6), variances, np.sqrt(factor))
 
     def cross_variances(
         self, process: Process, stamps: Stamps, known: int, until: Stamps
@@ -241,22 +283,9 @@ class Segment:
         samples.
         """
         counts = np.searchsorted(self._samples.stamps, until, side="right")
-        times = self._seconds(stamps)
-        columns = []
-        for regressions in self._conditioned(process, int(counts.max(initial=0))):
-            for regression in regressions:
-                rows = regression.cross_variances(times, known, counts)
-                columns.append([np.repeat(row[:, None], 3 // len(regressions), 1) for row in rows])
-        return [np.concatenate(row, axis=1) for row in zip(*columns, strict=True)]
-
-    def _pose(self, coordinates: Array) -> Array:
-        """The pose with local coordinates (q, 6); (q, 4, 4)."""
-        reference = self._samples.poses[0]
-        pose = np.zeros((len(coordinates), 4, 4))
-        pose[:, :3, :3] = reference[:3, :3] @ se3.exp_so3(coordinates[:, 3:])
-        pose[:, :3, 3] = reference[:3, 3] + coordinates[:, :3] @ reference[:3, :3].T
-        pose[:, 3, 3] = 1.0
-        return pose
+        regression = self._conditioned(process, int(counts.max(initial=0)))
+        rows = regression.cross_variances(self._seconds(stamps), known, counts)
+        return [np.repeat(row, 6 // row.shape[1], axis=1) for row in rows]
 
 
 def _continued(coordinates: Array) -> Array:
@@ -277,10 +306,13 @@ def _continued(coordinates: Array) -> Array:
     return coordinates
 
 
-def _to_body(phi: Array) -> Array:
-    """``B = blkdiag(Exp(φ)ᵀ, J_r(φ))``, from local to right perturbations; (n, 6, 6)."""
+def _to_body(phi: Array, rotation: Array) -> Array:
+    """``B = blkdiag(Exp(φ)ᵀ, J_r(φ))``, from local to right perturbations; (n, 6, 6).
+
+    ``rotation``: ``Exp(φ)`` (n, 3, 3).
+    """
     result = np.zeros((len(phi), 6, 6))
-    result[:, :3, :3] = np.swapaxes(se3.exp_so3(phi), -1, -2)
+    result[:, :3, :3] = np.swapaxes(rotation, -1, -2)
     tangent = np.concatenate([np.zeros_like(phi), phi], axis=-1)
     result[:, 3:, 3:] = se3.right_jacobian(tangent)[:, 3:, 3:]
     return result

@@ -24,6 +24,8 @@ from trajeval_ros.ground_truth.segment import Samples, Segment
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
 # Local coordinates wrap around at a rotation of pi from the segment's first sample. The hand-over
 # begins at the first angle and is complete at the second, so a body that spins gets shorter
@@ -102,6 +104,17 @@ class Blended:
             weight = weight * (1.0 - self.outgoing.weight(stamps))
         return weight
 
+    def shares(self, stamps: Stamps) -> tuple[Indices, Array]:
+        """Which of ``stamps`` (q,) the segment has weight at, in their order, and its weights."""
+        possible = np.ones(len(stamps), dtype=np.bool_)
+        if self.incoming is not None:
+            possible &= stamps > self.incoming.begin
+        if self.outgoing is not None and self.outgoing.last >= 1.0:
+            possible &= stamps < self.outgoing.end
+        asked = np.flatnonzero(possible)
+        weight = self.weight(stamps[asked]) if len(asked) else np.empty(0)
+        return asked[weight > 0.0], weight[weight > 0.0]
+
 
 class Segmentation:
     """The retained segments, oldest first; the owner of those still open."""
@@ -149,23 +162,22 @@ class Segmentation:
         """Feed the open segment up to the sample at which a hand-over begins; return the rest."""
         segment, shape = self._segments[-1], self._shape
         share = 1.0 - shape.overlap
-        samples, rest = samples[: shape.max_samples], samples[shape.max_samples :]
-        size = len(segment) + np.arange(1, len(samples) + 1)
-        angle = _angles(segment.following(samples.poses))
-        long_enough = samples.stamps - segment.start >= share * shape.duration
-        ready = (
-            (long_enough & (size >= share * shape.min_samples))
-            | (size >= share * shape.max_samples)
-            | (angle >= _TURN_BEGIN)
-        )
-        taken = int(np.argmax(ready)) + 1 if ready.any() else len(samples)
-        segment.append(samples[:taken])
-        if ready.any():
+        ahead = samples[: shape.max_samples]
+        size = len(segment) + np.arange(1, len(ahead) + 1)
+        long_enough = ahead.stamps - segment.start >= share * shape.duration
+        ready = long_enough & (size >= share * shape.min_samples)
+        ready |= size >= share * shape.max_samples
+        ahead = ahead[: _through_first(ready)]
+        coordinates = segment.following(ahead.poses)
+        angle = _angles(coordinates)
+        taken = _through_first(angle >= _TURN_BEGIN)
+        segment.append(ahead[:taken], coordinates[:taken])
+        if ready[taken - 1] or angle[taken - 1] >= _TURN_BEGIN:
             self._trigger = (len(segment), float(angle[taken - 1]))
-            self._handovers.append(HandOver(int(samples.stamps[taken - 1])))
+            self._handovers.append(HandOver(int(ahead.stamps[taken - 1])))
             self._segments.append(Segment(segment.samples[-shape.lead - 1 :]))
             self.opened += 1
-        return samples[taken:] + rest if len(rest) else samples[taken:]
+        return samples[taken:]
 
     def _continue_handover(self, samples: Samples) -> tuple[Samples, bool]:
         """Feed both segments to the end of the hand-over; return the rest, and whether it ended."""
@@ -175,23 +187,23 @@ class Segmentation:
             self._handovers[-1],
             self._shape,
         )
-        samples, rest = samples[: shape.max_samples], samples[shape.max_samples :]
+        ahead = samples[: shape.max_samples]
         begun, angle = self._trigger
-        size = len(old) - begun + np.arange(1, len(samples) + 1)
-        by_time = (samples.stamps - handover.begin) / (shape.overlap * shape.duration)
+        size = len(old) - begun + np.arange(1, len(ahead) + 1)
+        by_time = (ahead.stamps - handover.begin) / (shape.overlap * shape.duration)
         by_size = size / (shape.overlap * shape.min_samples)
         by_room = size / max(shape.max_samples - begun, 1)
-        room_to_turn = max(_TURN_END - angle, 0.1)
-        by_turn = (_angles(old.following(samples.poses)) - angle) / room_to_turn
-        progress = np.maximum.reduce([np.minimum(by_time, by_size), by_room, by_turn])
+        progress = np.maximum(np.minimum(by_time, by_size), by_room)
+        ahead = ahead[: _through_first(progress >= 1.0)]
+        coordinates = old.following(ahead.poses)
+        by_turn = (_angles(coordinates) - angle) / max(_TURN_END - angle, 0.1)
+        progress = np.maximum(progress[: len(ahead)], by_turn)
         progress = np.maximum.accumulate(np.clip(progress, handover.last, 1.0))
-        complete = progress >= 1.0
-        taken = int(np.argmax(complete)) + 1 if complete.any() else len(samples)
-        handover.append(samples.stamps[:taken], progress[:taken])
-        old.append(samples[:taken])
-        new.append(samples[:taken])
-        rest = samples[taken:] + rest if len(rest) else samples[taken:]
-        return rest, bool(complete.any())
+        taken = _through_first(progress >= 1.0)
+        handover.append(ahead.stamps[:taken], progress[:taken])
+        old.append(ahead[:taken], coordinates[:taken])
+        new.append(ahead[:taken])
+        return samples[taken:], handover.last >= 1.0
 
     def forget(self, before: int) -> None:
         """Drop the closed segments that have no weight at ``before`` (ns) or later."""
@@ -204,3 +216,8 @@ class Segmentation:
 
 def _angles(coordinates: Array) -> Array:
     return np.asarray(np.linalg.norm(coordinates[:, 3:], axis=-1))
+
+
+def _through_first(condition: Mask) -> int:
+    """So many of the entries as end with the first true one; all where none is."""
+    return int(np.argmax(condition)) + 1 if condition.any() else len(condition)

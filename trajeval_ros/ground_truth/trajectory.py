@@ -15,7 +15,7 @@ from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lessons
 from trajeval_ros.ground_truth.models import MODELS
-from trajeval_ros.ground_truth.segment import Process, Samples
+from trajeval_ros.ground_truth.segment import Answer, Process, Samples, in_world
 from trajeval_ros.ground_truth.segmentation import Segmentation, SegmentShape
 
 Array = npt.NDArray[np.float64]
@@ -138,28 +138,19 @@ class GroundTruth:
         """
         if not self._processes:
             raise ValueError("the hyperparameters are not known yet")
-        poses, covariances = np.empty((len(stamps), 4, 4)), np.zeros((len(stamps), 6, 6))
-        weights = np.zeros(len(stamps))
         parts = []
         for blended in self._segmentation:
-            share = blended.weight(stamps)
-            asked = share > 0.0
-            if not asked.any():
-                continue
-            process = self._process(blended.index)
-            answer = blended.segment.posterior(process, stamps[asked], until[asked])
-            pose, part = answer.poses, share[asked]
-            weights[asked] += part
-            ratio = part / weights[asked]
-            before = np.where((ratio < 1.0)[:, None, None], poses[asked], pose)
-            poses[asked] = se3.interpolate(before, pose, ratio)
-            covariances[asked] += part[:, None, None] * answer.covariances
-            parts.append(Part(blended.index, blended.segment, process, asked, part, answer))
-        if not np.allclose(weights, 1.0):
-            raise ValueError("a query lies before the retained segments")
+            asked, share = blended.shares(stamps)
+            if len(asked):
+                process = self._process(blended.index)
+                parts.append(Part(blended.index, blended.segment, process, asked, share))
+        answers = in_world(
+            [p.segment.posterior(p.process, stamps[p.asked], until[p.asked]) for p in parts]
+        )
+        poses, covariances = _blend(len(stamps), parts, answers)
         cross = None
         if self._joint is not None and len(stamps):
-            cross = self._joint.extend(stamps, until, covariances, parts)
+            cross = self._joint.extend(stamps, until, covariances, parts, answers)
         return Posterior(poses, covariances, self._sampled(stamps), cross)
 
     def _sampled(self, stamps: Stamps) -> Mask:
@@ -171,10 +162,9 @@ class GroundTruth:
         intervals = np.diff(self._stamps)
         sampled = intervals[after - 1] <= _GAP
         sampled |= self._stamps[after] == stamps
-        for i in np.unique(after[~sampled]):  # few: one an interval, and most are short
-            earlier = intervals[max(i - 1 - _GAP_INTERVALS, 0) : i - 1]
-            usual = np.median(earlier) if len(earlier) else np.inf
-            sampled[(after == i) & ~sampled] = intervals[i - 1] <= 3.0 * usual
+        rare = np.flatnonzero(~sampled)
+        last_interval = after[rare] - 1
+        sampled[rare] = intervals[last_interval] <= 3.0 * _usual(intervals, last_interval)
         return np.asarray(sampled)
 
     def forget(self, before: int) -> None:
@@ -186,3 +176,38 @@ class GroundTruth:
         keep = int(np.searchsorted(self._stamps, before, side="right")) - 2 - _GAP_INTERVALS
         keep = max(keep, 0)
         self._stamps = self._stamps[keep:]
+
+
+def _blend(count: int, parts: list[Part], answers: Answer) -> tuple[Array, Array]:
+    """The poses (q, 4, 4) and covariances (q, 6, 6) of so many queries, of all parts' answers.
+
+    One segment answers a query, or the two of a hand-over: it ends before the next one begins.
+    """
+    asked = np.concatenate([np.empty(0, dtype=np.intp), *(part.asked for part in parts)])
+    share = np.concatenate([np.empty(0), *(part.share for part in parts)])
+    total = np.bincount(asked, share, count)
+    if not np.allclose(total, 1.0):
+        raise ValueError("a query lies before the retained segments")
+    weighted = share[:, None, None] * answers.covariances
+    _, first = np.unique(asked, return_index=True)
+    poses, covariances = answers.poses[first], weighted[first]
+    second = np.delete(np.arange(len(asked)), first)
+    query = asked[second]
+    ratio = share[second] / total[query]
+    poses[query] = se3.interpolate(poses[query], answers.poses[second], ratio)
+    covariances[query] += weighted[second]
+    return poses, covariances
+
+
+def _usual(intervals: Stamps, index: Stamps) -> Array:
+    """The median of the intervals before each ``index`` (n,), some of the newest; inf with none."""
+    first = np.maximum(index - _GAP_INTERVALS, 0)
+    places = first[:, None] + np.arange(_GAP_INTERVALS)
+    earlier = np.where(
+        places < index[:, None], intervals[np.minimum(places, index[:, None])], np.inf
+    )
+    earlier.sort(axis=1)
+    count = index - first
+    low, high = np.maximum(count - 1, 0) // 2, count // 2
+    rows = np.arange(len(index))
+    return np.asarray(0.5 * (earlier[rows, low] + earlier[rows, high]))
