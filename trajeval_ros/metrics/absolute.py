@@ -95,13 +95,11 @@ def absolute(
         start = start_alignment(problem)
     observed = observability(gauge, spread)
     if observed.scale_observed:
-        best, ending, iterations = minimize(problem, start)
-        information = problem.linearize(best)
+        best, information, ending, iterations = minimize(problem, start)
         observed = observability(gauge, spread, log_scale_std(gauge, information))
     if not observed.scale_observed:
         problem = replace(problem, gauge=gauge.without_scale())
-        best, ending, iterations = minimize(problem, start)
-        information = problem.linearize(best)
+        best, information, ending, iterations = minimize(problem, start)
     return Absolute(
         information.integral() if observed.scale_observed else None,
         best,
@@ -288,7 +286,7 @@ class RunningAbsolute:
         if not observability(gauge, self._spread).scale_observed:
             gauge = gauge.without_scale()
         problem = Problem(ground_truth, estimate, _factor(blocks), gauge, self._spread.mean)
-        best, _, _ = minimize(problem, start_alignment(problem, anchor))
+        best, *_ = minimize(problem, start_alignment(problem, anchor))
         self._anchor, self._centre = best, ground_truth[-1, :3, 3].copy()
         self._whitener = BandWhitener(self._bandwidth, self._gauge.dimension + 1)
         self._information = Information.none(self._gauge.dimension)

@@ -38,27 +38,38 @@ def _innovations(
     Returns the innovations (n, 6), the factors of S (n, 6, 6), and m and P after the last step.
     Raises CovarianceError, its index counting steps.
     """
+    _check(covariance, 0)
     innovation, factor = np.empty(error.shape), np.empty(adjoint.shape)
+    state = np.concatenate([spread, mean[None]])
     # Each step's S needs the P of the one before: inherently sequential.
     for i, (e, a, sigma) in enumerate(zip(error, adjoint, covariance, strict=True)):
-        _check(sigma, i)
-        innovation[i] = e + a @ mean
-        spread = a @ spread @ a.T
-        lower, _ = lapack.dpotrf(spread + sigma, lower=1)
-        factor[i] = lower
-        gain, _ = lapack.dpotrs(lower, sigma, lower=1)
-        mean = innovation[i] @ gain
-        spread = spread @ gain
-        spread = 0.5 * (spread + spread.T)
-    return innovation, factor, mean, spread
+        state = state.dot(a.T)
+        state[:6] = a.dot(state[:6])
+        state[6] += e
+        innovation[i] = state[6]
+        factor[i], gain, _ = lapack.dposv(state[:6] + sigma, sigma, lower=1)
+        state = state.dot(gain)
+        state[:6] = 0.5 * (state[:6] + state[:6].T)
+    return innovation, factor, state[6], state[:6]
 
 
-def _check(covariance: Array, step: int) -> None:
-    """Raise CovarianceError where a covariance, (6, 6), is not positive definite."""
+def _check(covariance: Array, first: int) -> None:
+    """Raise CovarianceError where one of the covariances, (n, 6, 6), is not positive definite.
+
+    Its index counts from ``first``.
+    """
+    try:
+        # It lets NaN through.
+        wrong = ~np.isfinite(np.linalg.cholesky(covariance)[:, 5, 5])
+    except np.linalg.LinAlgError:
+        wrong = np.array([not _has_factor(one) for one in covariance])
+    if wrong.any():
+        raise CovarianceError(first + int(np.argmax(wrong)))
+
+
+def _has_factor(covariance: Array) -> bool:
     lower, wrong = lapack.dpotrf(covariance, lower=1)
-    # LAPACK lets NaN through.
-    if wrong or not math.isfinite(lower[5, 5]):
-        raise CovarianceError(step)
+    return not wrong and math.isfinite(lower[5, 5])
 
 
 class IndependentRecursion:
@@ -76,7 +87,7 @@ class IndependentRecursion:
             raise TypeError("the rows of a factor are those of a joint covariance")
         sigma = blocks[:, 0]
         if self._spread is None:
-            _check(sigma[0], -1)
+            _check(sigma[:1], -1)
             spread = sigma[0]
         else:
             spread = self._spread

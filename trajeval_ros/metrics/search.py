@@ -146,15 +146,21 @@ def _damped(gauge: Gauge, information: Information, damping: float) -> Array:
     return best_perturbation(gauge, information.absorb(rows, 0.0))
 
 
-def minimize(problem: Problem, alignment: Similarity) -> tuple[Similarity, Ending, int]:
-    """Gauss-Newton, damped where a step would not gain."""
+def minimize(
+    problem: Problem, alignment: Similarity
+) -> tuple[Similarity, Information, Ending, int]:
+    """Gauss-Newton, damped where a step would not gain.
+
+    Returns the best alignment, what the residuals, linear about it, say of its perturbation, how
+    the search ended and after how many iterations.
+    """
     damping = 0.0
     chi2 = problem.chi2(alignment)
+    information = problem.linearize(alignment)
     for iteration in range(_MAX_ITERATIONS):
-        information = problem.linearize(alignment)
         gain = float((information.offset**2).sum())
         if gain <= _GAIN + _GAIN_SHARE * chi2:
-            return alignment, Ending.CONVERGED, iteration
+            return alignment, information, Ending.CONVERGED, iteration
         while True:
             step = _damped(problem.gauge, information, damping)
             proposal = problem.gauge.perturb(alignment, problem.centre, step)
@@ -163,9 +169,10 @@ def minimize(problem: Problem, alignment: Similarity) -> tuple[Similarity, Endin
                 break
             damping = max(10.0 * damping, 1e-3)
             if gain <= _ROUND_OFF * chi2:
-                return alignment, Ending.CONVERGED, iteration
+                return alignment, information, Ending.CONVERGED, iteration
             if damping > _MAX_DAMPING:
-                return alignment, Ending.STALLED, iteration
+                return alignment, information, Ending.STALLED, iteration
         alignment, chi2 = proposal, proposed
+        information = problem.linearize(alignment)
         damping = damping / 10.0 if damping > 1e-6 else 0.0
-    return alignment, Ending.ITERATION_LIMIT, _MAX_ITERATIONS
+    return alignment, information, Ending.ITERATION_LIMIT, _MAX_ITERATIONS
