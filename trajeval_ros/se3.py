@@ -19,7 +19,6 @@ from zero to pi, and at pi itself. NaN in gives NaN out; only what comes from ou
 import functools
 import math
 import operator
-from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
@@ -66,12 +65,12 @@ _EXPONENTIAL_TERMS = 12
 _LOGARITHM_TERMS = 18
 
 
-def _taylor_table(*columns: list[Fraction]) -> Array:
+def _taylor_table(*columns: list[float]) -> Array:
     """Taylor coefficients in x, one function a column; (terms, columns)."""
     return np.array(columns, dtype=np.float64).T.copy()
 
 
-def _double_derivative(series: list[Fraction]) -> list[Fraction]:
+def _double_derivative(series: list[float]) -> list[float]:
     """The Taylor coefficients of 2 df/dx."""
     return [2 * k * coefficient for k, coefficient in enumerate(series)][1:]
 
@@ -79,22 +78,31 @@ def _double_derivative(series: list[Fraction]) -> list[Fraction]:
 def _exponential_table() -> Array:
     """The Taylor coefficients of A, B, C, B', C'."""
     a, b, c = (
-        [Fraction((-1) ** k, math.factorial(2 * k + n)) for k in range(_EXPONENTIAL_TERMS + 1)]
+        [(-1) ** k / math.factorial(2 * k + n) for k in range(_EXPONENTIAL_TERMS + 1)]
         for n in (1, 2, 3)
     )
     return _taylor_table(a[:-1], b[:-1], c[:-1], _double_derivative(b), _double_derivative(c))
 
 
-def _logarithm_table() -> Array:
-    """The Taylor coefficients of D, D', from those of the cotangent.
+def cotangent_series(terms: int) -> list[float]:
+    """The Taylor coefficients of D: ``1 - x D = (theta/2) cot(theta/2)`` with x = theta^2.
 
-    1 - x D = (theta/2) cot(theta/2) = 1 - sum_k |b_2k| x^k / (2k)!, with Bernoulli's numbers b.
+    That is ``1 - sum_k |b_2k| x^k / (2k)!``, with Bernoulli's numbers b. They come from the whole
+    tangent numbers t (Knuth and Buckholtz, 1967): ``|b_2k| = 2k t_k / (4^k (4^k - 1))``.
     """
-    b = [Fraction(1)]
-    for n in range(1, 2 * _LOGARITHM_TERMS + 3):
-        total = sum((math.comb(n + 1, k) * b_k for k, b_k in enumerate(b)), Fraction(0))
-        b.append(-total / (n + 1))
-    d = [abs(b[k]) / math.factorial(k) for k in range(2, len(b), 2)]
+    tangent = [math.factorial(k) for k in range(terms)]
+    for k in range(1, terms):
+        for j in range(k, terms):
+            tangent[j] = (j - k) * tangent[j - 1] + (j - k + 2) * tangent[j]
+    return [
+        2 * k * t / (4**k * (4**k - 1) * math.factorial(2 * k))
+        for k, t in enumerate(tangent, start=1)
+    ]
+
+
+def _logarithm_table() -> Array:
+    """The Taylor coefficients of D, D'."""
+    d = cotangent_series(_LOGARITHM_TERMS + 1)
     return _taylor_table(d[:-1], _double_derivative(d))
 
 

@@ -33,7 +33,6 @@ import itertools
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import zeta as riemann_zeta
 
 from trajeval_ros import se3
 
@@ -62,10 +61,9 @@ def _full_indices(order: int) -> npt.NDArray[np.int64]:
 
 _TENSOR = [_full_indices(order) for order in range(_ORDER + 1)]
 
-# kappa(tau) = sum_n 2 zeta(2n + 2) / (2 pi)^(2n + 2) tau^n. It converges for tau < (2 pi)^2;
-# tau is at most pi^2, so the terms fall by 4 at least and 30 of them leave 1e-18.
-_EXPONENTS = 2 * np.arange(1, 31)
-_KAPPA: Array = 2 * riemann_zeta(_EXPONENTS) / (2 * np.pi) ** _EXPONENTS
+# kappa(tau) converges for tau < (2 pi)^2; tau is at most pi^2, so the terms fall by 4 at least and
+# 30 of them leave 1e-18.
+_KAPPA: Array = np.array(se3.cotangent_series(30))
 _DKAPPA: Array = _KAPPA[1:] * np.arange(1, len(_KAPPA))
 _DDKAPPA: Array = _DKAPPA[1:] * np.arange(1, len(_DKAPPA))
 

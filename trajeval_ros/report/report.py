@@ -13,7 +13,6 @@ import numpy.typing as npt
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.report.causes import Cause, likely_causes
 from trajeval_ros.report.coverage import Coverage
-from trajeval_ros.report.page import page
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.track import Track
 
@@ -85,4 +84,7 @@ class Report:
 
     def render(self, summary: Mapping[str, Any]) -> str:
         """Return the page. Without matplotlib it has the tables, and says how to get the rest."""
+        # Only now, as most of what the page needs is needed for nothing else.
+        from trajeval_ros.report.page import page
+
         return page(self.run(summary))
