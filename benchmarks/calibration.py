@@ -36,7 +36,7 @@ from benchmarks.tables import (
 )
 from trajeval_ros import se3
 from trajeval_ros.files.tum import read_tum
-from trajeval_ros.ground_truth import learning, regression, trajectory
+from trajeval_ros.ground_truth import likelihood, regression, trajectory
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.kernels import Matern52
 from trajeval_ros.ground_truth.lessons import Lessons
@@ -132,7 +132,7 @@ def plain() -> Iterator[None]:
     offered = {**MODELS, PLAIN: OneKernel(Matern52())}
     with ExitStack() as stack:
         stack.enter_context(mock.patch.object(trajectory, "MODELS", offered))
-        for module in (learning, regression):
+        for module in (likelihood, regression):
             stack.enter_context(mock.patch.object(module, "DEGREES_OF_FREEDOM", 1e8))
         yield
 
