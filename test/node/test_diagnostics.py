@@ -175,10 +175,11 @@ def test_flat_figures() -> None:
         "relative": {"chi2": 0.1, "dof": 6, "log_likelihood": None, "log_det": math.inf},
         "absolute": {"alignment": alignment, "unobserved_axes": [[1.0]]},
         "window": {"poses": 2, "relative": {"chi2": 1e-300}, "absolute": {"ending": "converged"}},
-        "conventional": {"re_unit": "s"},
+        "conventional": {"re_unit": "s", "distributions": {"ate_translation": {"max": 1.0}}},
     }
     flat = flatten(summary)
     assert tuple(flat) == STATUSES
+    assert flat["conventional"] == {"re_unit": "s"}
     assert flat["relative"] == {"chi2": "0.1", "dof": "6.0"}
     assert flat["absolute"]["alignment_qw"] == "1.0"
     assert "alignment_scale" not in flat["absolute"]

@@ -152,6 +152,14 @@ def test_the_parts_add_up():
     assert evaluations["chi2"].sum() == pytest.approx(relative["chi2"])
     assert evaluations["log_det"].sum() == pytest.approx(relative["log_det"])
     assert evaluations["chi2"][0] == evaluations["log_likelihood"][0] == 0.0
+    conventional = summary["conventional"]
+    distributions = conventional["distributions"]
+    assert distributions["sampled_poses"] == conventional["poses"]
+    for name in ("ate_translation", "ate_rotation", "re_translation", "re_rotation"):
+        found = distributions[name]
+        assert found["min"] < found["median"] < found["max"]
+        square = found["mean"] ** 2 + found["std"] ** 2
+        assert conventional[f"{name}_rmse"] == pytest.approx(np.sqrt(square))
 
 
 def test_the_summary_is_plain_and_finite():

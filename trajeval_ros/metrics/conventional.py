@@ -16,10 +16,10 @@ and p the same of the estimate:
 
 These are evo's APE and RPE (`translation_part`, `rotation_angle_rad`) after ``align``, and equal
 to them to 1e-9 on the same poses. The RMSEs are closed forms of running sums over the whole run;
-ATE's rotation is one to 1e-10 relative (`rotation_moments`). Mean, median and maximum of what
-depends on an alignment that is not known before the end have no such form. They are exact up to
-`CAPACITY` poses or pairs, and of every 2nd, 4th, ... pose or pair from then on, evenly over the
-run; `Distributions` says of how many. What needs no alignment keeps its exact mean and maximum.
+ATE's rotation is one to 1e-10 relative (`rotation_moments`). Mean, median, minimum and maximum of
+what depends on an alignment that is not known before the end have no such form. They are exact up
+to `CAPACITY` poses or pairs, and of every 2nd, 4th, ... pose or pair from then on, evenly over the
+run; `Distributions` says of how many. What needs no alignment keeps all but its median exact.
 
 In `sim3` a step in metres is measured along the ground truth (evo's ``pairs_from_reference``):
 the estimate's metre is not known before the end. In the other gauges it is measured along the
@@ -27,6 +27,7 @@ estimate, evo's default.
 """
 
 import dataclasses
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +41,7 @@ Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 
 CAPACITY = 4096
-"""Poses, and pairs, of which mean, median and maximum are taken: 0.7 MB of memory."""
+"""Poses, and pairs, of which distributions are taken: 0.7 MB of memory."""
 
 # Poses wait for each other until so many have come or a figure is asked for: the cost of a
 # batch hardly depends on its size.
@@ -76,16 +77,18 @@ class ConventionalFigures:
 
 @dataclasses.dataclass(frozen=True)
 class Distribution:
-    """Mean, median and maximum of an error, m or rad."""
+    """Statistics of an error, m or rad; evo's mean, median, std, min and max."""
 
     mean: float
     median: float
+    std: float
+    minimum: float
     maximum: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Distributions:
-    """Mean, median and maximum of each error; None where the RMSE is None.
+    """The distribution of each error; None where the RMSE is None.
 
     Attributes:
         ate_translation: m.
@@ -93,8 +96,8 @@ class Distributions:
         re_translation: m.
         re_rotation: rad.
         sampled_poses: how many of the poses ATE's are of. Exact where that is all of them.
-        sampled_pairs: how many of the pairs RE's medians are of, and in `sim3` also mean and
-            maximum of its translation.
+        sampled_pairs: how many of the pairs RE's medians are of, and in `sim3` all of its
+            translation's statistics.
     """
 
     ate_translation: Distribution | None
@@ -196,7 +199,7 @@ class RunningConventional:
         )
 
     def distributions(self) -> Distributions:
-        """Mean, median and maximum of the errors so far; some milliseconds."""
+        """The errors' distributions so far; some milliseconds."""
         self._take_in()
         alignment = align(self._positions, self._gauge) if self._positions.count else None
         pairs = self._re_rotation.count
@@ -292,11 +295,12 @@ def _known_scale(alignment: Alignment) -> float | None:
 
 @dataclasses.dataclass(frozen=True)
 class _Running:
-    """Count, sums and maximum of values >= 0."""
+    """Count, sums, minimum and maximum of values >= 0."""
 
     count: int = 0
     total: float = 0.0
     squares: float = 0.0
+    minimum: float = math.inf
     maximum: float = 0.0
 
     def updated(self, values: Array) -> "_Running":
@@ -304,6 +308,7 @@ class _Running:
             self.count + len(values),
             self.total + float(values.sum()),
             self.squares + float((values**2).sum()),
+            min(self.minimum, float(values.min())),
             max(self.maximum, float(values.max())),
         )
 
@@ -313,11 +318,15 @@ class _Running:
 
 
 def _distribution(values: Array, exact: _Running | None = None) -> Distribution:
-    """Of values (N,), N > 0; mean and maximum from the exact sums where there are any."""
+    """Of values (N,), N > 0; all but the median from ``exact`` sums where there are any."""
+    known = _Running().updated(values) if exact is None else exact
+    mean = known.total / known.count
     return Distribution(
-        mean=float(values.mean()) if exact is None else exact.total / exact.count,
+        mean=mean,
         median=float(np.median(values)),
-        maximum=float(values.max()) if exact is None else exact.maximum,
+        std=math.sqrt(max(known.mean_square - mean**2, 0.0)),
+        minimum=known.minimum,
+        maximum=known.maximum,
     )
 
 

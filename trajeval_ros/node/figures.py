@@ -17,14 +17,16 @@ def flatten(summary: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Return the statuses with their keys and values, in plain snake_case.
 
     Numbers are ``repr(float)``, so that every digit arrives; what is None or not finite is left
-    out, and so are lists, which are for ``summary.json``. A figure below another, such as
-    ``window: {relative: {chi2}}``, is ``relative_chi2``.
+    out, and so are lists and distributions, which are for ``summary.json``. A figure below another,
+    such as ``window: {relative: {chi2}}``, is ``relative_chi2``.
     """
     return {status: dict(_entries("", summary[status])) for status in STATUSES if status in summary}
 
 
 def _entries(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for key, value in figures.items():
+        if key == "distributions":
+            continue
         if key == "alignment":
             yield from _alignment(value)
         elif isinstance(value, Mapping):

@@ -40,7 +40,7 @@ from trajeval_ros.online.results import (
     TopicHealth,
 )
 from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.online.summary import summarize, window_figures
+from trajeval_ros.online.summary import distributions, summarize, window_figures
 from trajeval_ros.online.window import EvaluatedPoses
 from trajeval_ros.online.withdrawn import Withdrawn
 
@@ -407,13 +407,22 @@ class Engine:
         )
 
     def figures(self) -> dict[str, object]:
-        """Return the summary without its ``window``, whose nonlinear figure takes milliseconds."""
+        """Return the summary without what takes milliseconds.
+
+        That is ``window`` and ``conventional.distributions``.
+        """
         return summarize(self.health(), self._values, self._evaluation)
 
     def summary(self) -> dict[str, object]:
         """Return the figures of the run so far, as ``summary.json`` has them."""
-        window = window_figures(self._evaluation.window(), self._evaluation.gauge)
-        return {**self.figures(), "window": window}
+        figures, evaluation = self.figures(), self._evaluation
+        conventional = figures["conventional"]
+        assert isinstance(conventional, dict)
+        return {
+            **figures,
+            "conventional": {**conventional, "distributions": distributions(evaluation)},
+            "window": window_figures(evaluation.window(), evaluation.gauge),
+        }
 
 
 def _extrinsic(values: Mapping[str, Value]) -> Array:

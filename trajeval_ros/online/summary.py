@@ -12,6 +12,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
 from trajeval_ros.metrics.absolute import Absolute, absolute
+from trajeval_ros.metrics.conventional import Distribution
 from trajeval_ros.metrics.figures import figures
 from trajeval_ros.metrics.first_order import absolute_first_order
 from trajeval_ros.metrics.gauge import Gauge, Similarity
@@ -226,6 +227,34 @@ def _conventional(evaluation: Evaluation, values: Mapping[str, Value]) -> Figure
         "re_rotation_rmse": conventional.re_rotation_rmse,
         "re_delta": values["relative.delta"],
         "re_unit": values["relative.unit"],
+    }
+
+
+def distributions(evaluation: Evaluation) -> Figures:
+    """Mean, median, std, min and max of the conventional errors, None where there are none.
+
+    Of ``sampled_poses`` and ``sampled_pairs``, where there are more than can be kept.
+    """
+    found = evaluation.conventional.distributions()
+    return {
+        "ate_translation": _distribution(found.ate_translation),
+        "ate_rotation": _distribution(found.ate_rotation),
+        "re_translation": _distribution(found.re_translation),
+        "re_rotation": _distribution(found.re_rotation),
+        "sampled_poses": found.sampled_poses,
+        "sampled_pairs": found.sampled_pairs,
+    }
+
+
+def _distribution(found: Distribution | None) -> Figures | None:
+    if found is None:
+        return None
+    return {
+        "mean": found.mean,
+        "median": found.median,
+        "std": found.std,
+        "min": found.minimum,
+        "max": found.maximum,
     }
 
 

@@ -266,13 +266,26 @@ def figures(run: Run) -> list[Row]:
             f" {angle(conventional.get('ate_rotation_rmse'))}",
             "conventional absolute error, RMSE after aligning the positions",
         ),
+        *_distribution(conventional, "ate", "ATE"),
         (
             f"RE over {_step(run)}",
             f"{length(conventional.get('re_translation_rmse'))},"
             f" {angle(conventional.get('re_rotation_rmse'))}",
             "conventional relative error, RMSE",
         ),
+        *_distribution(conventional, "re", "RE"),
     ]
+    return rows
+
+
+def _distribution(conventional: Mapping[str, Any], name: str, title: str) -> list[Row]:
+    """Two rows: translation and rotation."""
+    rows: list[Row] = []
+    for part, show in (("translation", length), ("rotation", angle)):
+        found = conventional.get("distributions", {}).get(f"{name}_{part}") or {}
+        values = (show(found.get(key)) for key in ("median", "max"))
+        rest = ", ".join(f"{key} {show(found.get(key))}" for key in ("mean", "std", "min"))
+        rows.append((f"{title}, {part}, median and maximum", ", ".join(values), rest))
     return rows
 
 
