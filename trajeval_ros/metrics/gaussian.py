@@ -17,6 +17,10 @@ LOG_2PI = math.log(2.0 * math.pi)
 # Numerical Algorithms, theorem 10.7), in whatever order it is computed: 6 * 7 * 2**-53, and a half.
 _CLEARLY_POSITIVE = 2.0**-47
 
+# A covariance's smallest eigenvalue may be this far below zero, as a share of its size once scaled
+# to a unit diagonal: what single-precision arithmetic and printed digits leave of a singular one.
+_INDEFINITE_BELOW = -1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class GaussianLogLikelihood:
@@ -57,6 +61,22 @@ class CovarianceError(ValueError):
     def __init__(self, index: int) -> None:
         super().__init__(f"the covariance of pose {index} of the batch is not positive definite")
         self.index = index
+
+
+def is_indefinite(covariance: Array) -> npt.NDArray[np.bool_]:
+    """Which covariances, (M, 6, 6) and finite, are none: asymmetric, or with a negative eigenvalue.
+
+    Returns (M,). Judged with the rows and columns scaled to a unit diagonal, so that metres and
+    radians count alike.
+    """
+    diagonal = np.einsum("mii->mi", covariance)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = scale[:, :, None] * covariance * scale[:, None, :]
+    asymmetry = np.abs(scaled - scaled.swapaxes(-1, -2)).max(axis=(-1, -2), initial=0.0)
+    smallest = np.linalg.eigvalsh(0.5 * (scaled + scaled.swapaxes(-1, -2))).min(
+        axis=-1, initial=0.0
+    )
+    return np.asarray((smallest < _INDEFINITE_BELOW) | (asymmetry > -_INDEFINITE_BELOW))
 
 
 def positive_definite(covariance: Array) -> npt.NDArray[np.bool_]:

@@ -183,21 +183,9 @@ class Alignment:
     unobserved_axes: Array
     scale_observed: bool
 
-    @property
-    def is_unique(self) -> bool:
-        """Whether rotation, translation and scale are all determined by the points."""
-        return self.degeneracy is Degeneracy.NONE
-
     def transform_positions(self, positions: Array) -> Array:
         """``s R x + t`` of positions (..., 3), m."""
         return self.scale * positions @ self.rotation.T + self.translation
-
-    def transform_poses(self, poses: Array) -> Array:
-        """``T_target_body`` (..., 4, 4) of ``T_source_body``; the scale leaves rotations alone."""
-        transformed = poses.copy()
-        transformed[..., :3, :3] = self.rotation @ poses[..., :3, :3]
-        transformed[..., :3, 3] = self.transform_positions(poses[..., :3, 3])
-        return transformed
 
 
 def align(moments: Moments, gauge: Gauge) -> Alignment:

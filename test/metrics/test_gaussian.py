@@ -1,14 +1,17 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which covariances can be factored, whatever the order of the arithmetic."""
+"""What is a covariance, and which can be factored, whatever the order of the arithmetic."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import lapack
+from twins.trajectories import draw, random_covariance, walk
 
-from trajeval_ros.metrics.gaussian import positive_definite
+from trajeval_ros import se3
+from trajeval_ros.metrics.absolute import absolute
+from trajeval_ros.metrics.gaussian import is_indefinite, positive_definite
 
 
 def covariance(seed, variances):
@@ -48,3 +51,27 @@ def test_each_is_judged_by_itself(matrix):
 
 def test_none_at_all():
     assert positive_definite(np.zeros((0, 6, 6))).shape == (0,)
+
+
+def test_units_do_not_matter():
+    covariance = random_covariance(np.random.default_rng(4), 3, (1e3, 1e-7))
+    assert not is_indefinite(covariance).any()
+    covariance[:, 3, 4] = covariance[:, 4, 3] = 1.1 * np.sqrt(
+        covariance[:, 3, 3] * covariance[:, 4, 4]
+    )
+    assert is_indefinite(covariance).all()
+    # A singular one is one: a planar robot's, with no variance off its plane.
+    assert not is_indefinite(np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])[None]).any()
+
+
+def test_a_consistent_estimator_scores_one():
+    rng = np.random.default_rng(1)
+    truth = walk(rng, 2000)
+    covariance = random_covariance(rng, 2000, (1e-3, 1e-3))
+    own = random_covariance(rng, 2000, (5e-3, 2e-3), spread=1.0)
+    eta = (np.linalg.cholesky(own) @ rng.normal(size=(2000, 6, 1)))[..., 0]
+    estimate = draw(rng, truth, covariance) @ se3.exp(eta)
+    nees = absolute(truth, covariance + own, estimate).likelihood
+    assert nees.chi2 / nees.dof == pytest.approx(1.0, abs=0.06)
+    alone = absolute(truth, covariance, estimate).likelihood
+    assert alone.chi2 / alone.dof > 5.0
