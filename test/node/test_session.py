@@ -117,6 +117,7 @@ def test_a_change_is_whole_or_not_at_all(tmp_path: Path) -> None:
     run.change({"window.duration": 7.0, "output.directory": str(tmp_path / "new")})
     assert run.engine.parameters["window.duration"] == 7.0
     assert run.save() == tmp_path / "new"
+    assert "the last 7 s" in (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
     run.close()
 
 

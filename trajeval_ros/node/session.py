@@ -204,6 +204,7 @@ class Session:
             self._move(str(checked["output.directory"]))
         for name, value in checked.items():
             self.engine.set(name, value)
+            self._report.parameters[name] = value
 
     def _move(self, directory: str) -> None:
         try:
