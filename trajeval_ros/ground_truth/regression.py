@@ -111,6 +111,8 @@ class Regression:
         ``times`` (n,) seconds, increasing; ``values`` (n, G, c); ``noise`` (n, G) variances.
         """
         total, first = len(times), self._count // _BLOCK * _BLOCK
+        if total == self._count:
+            return
         self._reserve(_rounded_up(total))
         self._times[first:total] = times[first:]
         # The first block has no past, and while it is not whole, is none.

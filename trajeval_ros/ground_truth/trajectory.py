@@ -186,16 +186,18 @@ def _blend(count: int, parts: list[Part], answers: Answer) -> tuple[Array, Array
     asked = np.concatenate([np.empty(0, dtype=np.intp), *(part.asked for part in parts)])
     share = np.concatenate([np.empty(0), *(part.share for part in parts)])
     total = np.bincount(asked, share, count)
-    if not np.allclose(total, 1.0):
+    if (np.abs(total - 1.0) > 1e-6).any():
         raise ValueError("a query lies before the retained segments")
     weighted = share[:, None, None] * answers.covariances
-    _, first = np.unique(asked, return_index=True)
+    first = np.empty(count, dtype=np.intp)
+    first[asked[::-1]] = np.arange(len(asked))[::-1]  # of two, the last one written
     poses, covariances = answers.poses[first], weighted[first]
-    second = np.delete(np.arange(len(asked)), first)
-    query = asked[second]
-    ratio = share[second] / total[query]
-    poses[query] = se3.interpolate(poses[query], answers.poses[second], ratio)
-    covariances[query] += weighted[second]
+    second = np.flatnonzero(first[asked] != np.arange(len(asked)))
+    if len(second):
+        query = asked[second]
+        ratio = share[second] / total[query]
+        poses[query] = se3.interpolate(poses[query], answers.poses[second], ratio)
+        covariances[query] += weighted[second]
     return poses, covariances
 
 

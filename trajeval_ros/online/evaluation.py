@@ -44,6 +44,8 @@ class Evaluation:
         self._relative = RunningRelative(0 if self._factor is None else None)
         self._first_order = FirstOrderAbsolute()
         self._absolute = RunningAbsolute(self.gauge)
+        self._absolute_total = self._absolute.total
+        self._alignment = self._absolute.alignment
         self._conventional = RunningConventional(
             self.gauge.name, delta, "m" if values["relative.unit"] == "m" else "s"
         )
@@ -77,6 +79,9 @@ class Evaluation:
         steps = self._relative.update(ground_truth, covariance, estimate)
         self._first_order.update(ground_truth, covariance, estimate)
         self._absolute.update(ground_truth, covariance, estimate)
+        # Each costs a solution, and is asked for several times.
+        self._absolute_total = self._absolute.total
+        self._alignment = self._absolute.alignment
         self._conventional.update(stamps[sampled], ground_truth[sampled], estimate[sampled])
         self._window.append(
             poses, _padded(steps.error, first, 0.0), _padded(steps.adjoint, first, 0.0)
@@ -85,7 +90,7 @@ class Evaluation:
         self._residuals.update(ground_truth, estimate)
         self.count += len(stamps)
         log_likelihood = _padded(steps.log_likelihood, first, 0.0)
-        alignment = self._absolute.alignment
+        alignment = self._alignment
         assert alignment is not None
         return Evaluations(
             stamps - offset,
@@ -113,18 +118,18 @@ class Evaluation:
     @property
     def absolute(self) -> GaussianLogLikelihood | None:
         """The running absolute error of the run; None where the gauge is not determined."""
-        return self._absolute.total
+        return self._absolute_total
 
     @property
     def absolute_log_likelihood(self) -> float | None:
         """The running absolute log-likelihood, nats; None where there is none (yet)."""
-        total = self._absolute.total
+        total = self._absolute_total
         return total.log_likelihood if self.count and total is not None else None
 
     @property
     def alignment(self) -> Similarity | None:
         """The running alignment; None before the first pose."""
-        return self._absolute.alignment
+        return self._alignment
 
     @property
     def observability(self) -> Observability:
@@ -166,7 +171,7 @@ class Evaluation:
 
         None under another gauge than ``se3``, and with too few poses to say.
         """
-        running = self._absolute.total
+        running = self._absolute_total
         if running is None or self.gauge is not SE3 or self.count < _ENOUGH_TO_STRAIN:
             return None
         first_order = self._first_order.total.log_likelihood
