@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import compileall
 import os
 import subprocess
 import sys
@@ -79,5 +80,7 @@ def run() -> Iterator[Table]:
     """Measure on the longest pair and on the one with the most ground truth."""
     if not DATA.exists():
         raise SkippedError(f"the recordings are not there ({DATA.parent.name}/{DATA.name})")
+    # As pip does with all that it installs, evo too.
+    compileall.compile_dir(_ROOT / "trajeval_ros", quiet=1)
     found = [target for pair in PAIRS for target in pair_targets(*pair)]
     yield targets("commands", "`evaluate tum` beside `evo_ape` plus `evo_rpe`", found)

@@ -31,7 +31,7 @@ Figures = dict[str, Any]
 _NON_FINITE = str(Reason.NON_FINITE)
 
 # So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it.
-_CHUNK = 20_000_000_000
+_CHUNK = 40_000_000_000
 
 
 def score(
