@@ -9,10 +9,11 @@ from trajeval_ros.ground_truth.kernels import (
     Exponential,
     Matern32,
     Matern52,
+    Matern72,
     SquaredExponential,
 )
 
-KERNELS = [SquaredExponential(), Exponential(), Matern32(), Matern52()]
+KERNELS = [SquaredExponential(), Exponential(), Matern32(), Matern52(), Matern72()]
 U = np.concatenate([[0.0], np.logspace(-9, 2, 200)])
 
 

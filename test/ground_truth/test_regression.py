@@ -12,12 +12,13 @@ from trajeval_ros.ground_truth.kernels import (
     Exponential,
     Matern32,
     Matern52,
+    Matern72,
     SquaredExponential,
 )
 from trajeval_ros.ground_truth.regression import Regression, scale
 
-KERNELS = (Matern52(), Matern32(), Exponential())
-NAMES = ("Matern52", "Matern32", "Exponential")
+KERNELS = (Matern52(), Matern72(), Matern32(), Exponential())
+NAMES = ("Matern52", "Matern72", "Matern32", "Exponential")
 
 
 def a_group(parts=3, noise=1e-3):

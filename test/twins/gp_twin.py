@@ -17,7 +17,11 @@ def correlation(name, u):
         return np.exp(-u)
     if name == "Matern32":
         return (1 + np.sqrt(3) * u) * np.exp(-np.sqrt(3) * u)
-    return (1 + np.sqrt(5) * u + 5 * u**2 / 3) * np.exp(-np.sqrt(5) * u)
+    if name == "Matern52":
+        return (1 + np.sqrt(5) * u + 5 * u**2 / 3) * np.exp(-np.sqrt(5) * u)
+    assert name == "Matern72"
+    a = np.sqrt(7) * u
+    return (1 + a + 2 * a**2 / 5 + a**3 / 15) * np.exp(-a)
 
 
 def kernel(names, components, first, second):

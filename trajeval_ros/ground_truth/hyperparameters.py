@@ -13,6 +13,17 @@ DEGREES_OF_FREEDOM = 20.0
 # as good between the samples.
 LEAST_SCALE = 0.5
 
+# Noise less than so much of a kernel's σ, and the covariance of the samples is singular but for
+# round-off.
+LEAST_NOISE = 1e-6
+
+FURTHER_COMPONENTS = {
+    "smooth": "smooth motion",
+    "rough": "rough motion",
+    "correlated_noise": "correlated noise",
+}
+"""What ``matern52`` adds to its signal, in this order, and what each stands for."""
+
 
 @dataclass(frozen=True, slots=True)
 class Component:

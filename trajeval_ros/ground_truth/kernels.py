@@ -53,14 +53,19 @@ class Matern:
 
     rate: ClassVar[float]
     coefficients: ClassVar[tuple[float, ...]]
+    slope: ClassVar[tuple[float, ...]]
+    """Coefficients ``c_(j-1) - j c_j`` of ``-u ρ'(u)``, without those of 1 and a, which vanish."""
 
     def correlation(self, u: Array) -> Array:
         """Return ``ρ(u)``, elementwise, for ``u >= 0``."""
         a = self.rate * u
-        polynomial: Array | float = self.coefficients[-1]
-        for coefficient in self.coefficients[-2::-1]:
-            polynomial = polynomial * a + coefficient
-        return np.asarray(polynomial * np.exp(-a))
+        return np.asarray(_polynomial(self.coefficients, a) * np.exp(-a))
+
+    def with_slope(self, u: Array) -> tuple[Array, Array]:
+        """Return ``ρ(u)`` and ``-u ρ'(u)``, elementwise, for ``u >= 0``."""
+        a = self.rate * u
+        decay = np.exp(-a)
+        return _polynomial(self.coefficients, a) * decay, _polynomial(self.slope, a) * a * a * decay
 
     def past(self, u: Array) -> Array:
         """Return ``Φ(u)ᵀ e₀``, (..., r): ``aⁱ exp(-a)``."""
@@ -102,26 +107,32 @@ class Exponential(Matern):
 
 
 class Matern32(Matern):
-    """``ρ(u) = (1 + √3 u) exp(-√3 u)``: once differentiable motion."""
+    """``ρ(u) = (1 + a) exp(-a)`` with ``a = √3 u``: once differentiable motion."""
 
     rate = math.sqrt(3.0)
     coefficients = (1.0, 1.0)
-
-    def with_slope(self, u: Array) -> tuple[Array, Array]:
-        """Return ``(1 + a) exp(-a)`` and ``a² exp(-a)`` with ``a = √3 u``."""
-        a = self.rate * u
-        decay = np.exp(-a)
-        return (1.0 + a) * decay, a * a * decay
+    slope = (1.0,)
 
 
 class Matern52(Matern):
-    """``ρ(u) = (1 + √5 u + 5u²/3) exp(-√5 u)``: twice differentiable motion."""
+    """``ρ(u) = (1 + a + a²/3) exp(-a)`` with ``a = √5 u``: twice differentiable motion."""
 
     rate = math.sqrt(5.0)
     coefficients = (1.0, 1.0, 1.0 / 3.0)
+    slope = (1.0 / 3.0, 1.0 / 3.0)
 
-    def with_slope(self, u: Array) -> tuple[Array, Array]:
-        """Return the correlation and ``a² (1 + a) exp(-a) / 3`` with ``a = √5 u``."""
-        a = self.rate * u
-        decay, third = np.exp(-a), a * a / 3.0
-        return (1.0 + a + third) * decay, third * (1.0 + a) * decay
+
+class Matern72(Matern):
+    """``ρ(u) = (1 + a + 2a²/5 + a³/15) exp(-a)``, ``a = √7 u``: thrice differentiable motion."""
+
+    rate = math.sqrt(7.0)
+    coefficients = (1.0, 1.0, 2.0 / 5.0, 1.0 / 15.0)
+    slope = (1.0 / 5.0, 1.0 / 5.0, 1.0 / 15.0)
+
+
+def _polynomial(coefficients: tuple[float, ...], a: Array) -> Array:
+    value = np.full_like(a, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        value *= a
+        value += coefficient
+    return value

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hyperparameters by maximum a posteriori, one set for many segments.
 
-The maximum is sought by Fisher scoring, Newton's method with the expected curvature in place of the
-actual one, damped after Levenberg and Marquardt.
+The maximum is sought by Newton's method with the average information in place of the actual
+curvature, damped after Levenberg and Marquardt.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.hyperparameters import Component, GroupHyperparameters
+from trajeval_ros.ground_truth.hyperparameters import LEAST_NOISE, Component, GroupHyperparameters
 from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import Grid, Model
 
@@ -28,9 +28,13 @@ _LEAST_GAIN = 1e-3
 _MAX_STEPS = 50
 # No parameter, a logarithm, changes more than this in one step.
 _LONGEST_STEP = 2.0
-_DAMPING = (1e-6, 1e6)
+# Damping: at first, at least, at most; the factor by which it changes; and what a parameter that
+# makes no difference is held with.
+_DAMPING = (1e-2, 1e-6, 1e6)
+_DAMPING_STEP = 5.0
+_HOLD = 1e-4
 # The curvature need not be exact: so many records tell it for all.
-_CURVATURE_RECORDS = 4
+_CURVATURE_RECORDS = 8
 # What is found is rounded to so many decimals of its logarithms, a tenth of a per cent: the data
 # say no more, and the search amplifies the last digit of its arithmetic.
 _DECIMALS = 3
@@ -55,12 +59,19 @@ class Posterior:
         prior, slope, _ = self._model.log_prior(theta, self._grid)
         return value + prior, jacobian.T @ gradient + slope
 
-    def curvature(self, theta: Array) -> Array:
-        """Return about the negative expected second derivative, where it is finite; (p, p)."""
+    def curvature(self, theta: Array, gradient: Array) -> Array:
+        """Return about the negative second derivative, positive semidefinite; (p, p).
+
+        ``gradient`` (p,) that of the log-posterior at ``theta``, where it is finite.
+        """
         natural, jacobian = self._model.natural(theta, self._grid)
         information = self._share * self._likelihood_of_some.information(natural)
-        *_, prior = self._model.log_prior(theta, self._grid)
-        return np.asarray(jacobian.T @ information @ jacobian + np.diag(prior))
+        _, slope, prior = self._model.log_prior(theta, self._grid)
+        # The information leaves out what the slope adds. In σ and n, every other parameter, only
+        # the squares count, and a slope g in their logarithm means a second derivative of 2 g.
+        squares = np.zeros(len(theta))
+        squares[::2] = np.maximum(2.0 * (slope - gradient)[::2], 0.0)
+        return np.asarray(jacobian.T @ information @ jacobian + np.diag(prior + squares))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,18 +84,26 @@ class _Point:
 def maximum(posterior: Posterior, start: Array, bounds: Array) -> _Point:
     """Climb from ``start`` (p,) to a maximum within ``bounds`` (p, 2)."""
     point = _Point(start, *posterior(start))
-    damping = 1e-2
-    for _ in range(_MAX_STEPS):
-        curvature = posterior.curvature(point.theta)
+    damping, least, most = _DAMPING
+    for _ in range(_MAX_STEPS if math.isfinite(point.value) else 0):
+        curvature = posterior.curvature(point.theta, point.gradient)
         gain = 0.0
-        while gain <= 0.0 and damping < _DAMPING[1]:
+        while gain <= 0.0 and damping < most:
             theta = _step(point, curvature, damping, bounds)
+            step = theta - point.theta
+            expected = float(step @ (point.gradient - 0.5 * curvature @ step))
+            if not expected > 0.0:
+                damping *= _DAMPING_STEP
+                continue
             value, gradient = posterior(theta)
             gain = value - point.value
-            damping = max(damping / 10.0, _DAMPING[0]) if gain > 0.0 else damping * 10.0
+            if gain > 0.5 * expected:
+                damping = max(damping / _DAMPING_STEP, least)
+            elif not gain > 0.25 * expected:
+                damping *= _DAMPING_STEP
         if gain > 0.0:
             point = _Point(theta, value, gradient)
-        if gain < _LEAST_GAIN:
+        if gain * (1.0 + damping) < _LEAST_GAIN:
             break
     return point
 
@@ -94,12 +113,11 @@ def _step(point: _Point, curvature: Array, damping: float, bounds: Array) -> Arr
     low, high = bounds.T
     free = ~((point.theta <= low) & (point.gradient < 0.0))
     free &= ~((point.theta >= high) & (point.gradient > 0.0))
-    damped = curvature + np.diag(damping * (np.diagonal(curvature) + 1e-3))
+    damped = curvature + np.diag(damping * np.diagonal(curvature) + _HOLD)
     step = np.zeros(len(point.theta))
     step[free] = np.linalg.solve(damped[np.ix_(free, free)], point.gradient[free])
-    return np.asarray(
-        np.clip(point.theta + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP), low, high)
-    )
+    step *= min(_LONGEST_STEP / np.abs(step).max(initial=_LONGEST_STEP), 1.0)
+    return np.asarray(np.clip(point.theta + step, low, high))
 
 
 def learn(
@@ -130,4 +148,5 @@ def learn(
     theta = np.clip(best.theta.round(_DECIMALS), *bounds.T)
     *pairs, noise = (float(v) for v in np.exp(model.natural(theta, grid)[0]))
     components = tuple(map(Component, pairs[::2], pairs[1::2]))
-    return GroupHyperparameters(components, math.hypot(noise, noise_std)), theta
+    noise = max(math.hypot(noise, noise_std), LEAST_NOISE * max(pairs[::2]))
+    return GroupHyperparameters(components, noise), theta

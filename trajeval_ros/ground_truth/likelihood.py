@@ -10,10 +10,10 @@ The likelihood of a segment has its constant mean and its scale integrated out: 
             - ½ c (log|K| + log 1ᵀ K⁻¹ 1) - ½ (ν + d) log(1 + q/ν),
     ∂ log p/∂θ = ½ tr((w Π x xᵀ Π - c Π) ∂K/∂θ),   w = (ν + d)/(ν + q)
 
-with Fisher's information
+and with the average information, half-way between the observed and the expected one, which needs
+no products of matrices,
 
-    E[∂ log p/∂θ_i ∂ log p/∂θ_j] = (½ c (ν + d) tr(Π ∂K/∂θ_i Π ∂K/∂θ_j)
-                                    - ½ c² tr(Π ∂K/∂θ_i) tr(Π ∂K/∂θ_j)) / (ν + d + 2)
+    ½ w (tr(xᵀ Π ∂K/∂θ_i Π ∂K/∂θ_j Π x) - tr(xᵀ Π ∂K/∂θ_i Π x) tr(xᵀ Π ∂K/∂θ_j Π x) / (ν + q))
 
 (``docs/method.md``, Ground truth). One segment with a motion of its own, or with an outlier, does
 not carry the others away.
@@ -129,23 +129,24 @@ class Likelihood:
         return float(value), np.array([*slopes, noise * trace])
 
     def information(self, log_parameters: Array) -> Array:
-        """Return Fisher's information, where K is positive definite; (2k + 1, 2k + 1)."""
+        """Return the average information, where K is positive definite; (2k + 1, 2k + 1)."""
         parts, noise = self._parts(log_parameters)
         solution = self._solve(parts, noise)
         assert solution is not None
-        drawn = solution.ones / np.sqrt(solution.information)[:, None]
-        projection = self._full(self._packed(solution.inverse))
-        projection -= drawn[:, :, None] * drawn[:, None, :]
+        alpha, ones = solution.alpha, solution.ones[:, :, None]
         slopes = [m for part, slope in parts for m in (2.0 * part, slope)]
-        products = np.empty((len(slopes) + 1, *projection.shape))
-        for product, slope in zip(products, slopes, strict=False):
-            np.matmul(projection, self._full(slope), out=product)
-        products[-1] = 2.0 * noise * projection
-        traces = np.trace(products, axis1=2, axis2=3)
-        weights = 0.5 * self._coordinates / (DEGREES_OF_FREEDOM + self._freedom + 2.0)
-        both = (weights * (DEGREES_OF_FREEDOM + self._freedom))[:, None, None] * products
-        first = products.reshape(len(products), -1) @ both.swapaxes(2, 3).reshape(len(both), -1).T
-        return np.asarray(first - (traces * weights * self._coordinates) @ traces.T)
+        turned = [self._full(slope) @ alpha for slope in slopes]  # ∂K/∂θ Π x
+        left = np.concatenate([*turned, 2.0 * noise * alpha], axis=2)
+        right = self._full(self._packed(solution.inverse)) @ left
+        right -= ones * (ones.swapaxes(1, 2) @ left / solution.information[:, None, None])
+        # Records, samples, parameters, coordinates.
+        left, right = (m.reshape(*alpha.shape[:2], -1, self._coordinates) for m in (left, right))
+        squares = (left * alpha[:, :, None]).sum(axis=(1, 3))  # xᵀ Π ∂K/∂θ Π x
+        spread = DEGREES_OF_FREEDOM + (self._right[..., 1:] * alpha).sum(axis=(1, 2))
+        weights = 0.5 * (DEGREES_OF_FREEDOM + self._freedom) / spread
+        left *= weights[:, None, None, None]
+        first = np.einsum("mnic,mnjc->ij", left, right, optimize=True)
+        return np.asarray(first - (squares * (weights / spread)[:, None]).T @ squares)
 
     def _parts(self, log_parameters: Array) -> tuple[list[tuple[Array, Array]], float]:
         """Each kernel's part of K and its slope in log l, packed; and n²."""

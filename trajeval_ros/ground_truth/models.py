@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from types import MappingProxyType
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from trajeval_ros.ground_truth.kernels import (
     Kernel,
     Matern32,
     Matern52,
+    Matern72,
     SquaredExponential,
 )
 
@@ -114,63 +115,90 @@ class OneKernel:
 
 
 @dataclass(frozen=True, slots=True)
-class SmoothAndRough:
-    """Smooth motion, rough motion and partly correlated noise; θ = log (σ_a, l_a, σ_b, l_b, n_0).
+class _Motion:
+    """A Matérn process of order m/2, driven by white noise of spectral density c σ² (√m/l)ᵐ."""
 
-    Matérn 5/2 (σ_a, l_a) plus Matérn 3/2 (σ_b, l_b): which of them rules between two samples is for
-    the data to say. Noise of variance n² has a share C correlated over a time of κ sample intervals
-    h, as a motion-capture system's filters have it. From thinned samples the noise cannot be told
-    from motion between them, so it has a prior: no more than the instrument's noise and so much of
-    what the motion does within h,
+    kernel: Kernel
+    order: int
+    density: float
+    share: float
 
-        n² = n_0² + f² (0.62 q_b h³ + 0.45 q_a h⁵),   q_b = 4 σ_b² (√3/l_b)³,   q_a = 16/3 σ_a²
-        (√5/l_a)⁵,
 
-    q being the spectral density of the white noise that drives the Matérn process. The constants
-    come from ``benchmarks/calibration.py`` (``docs/calibration.md``).
+@dataclass(frozen=True, slots=True)
+class MotionAndNoise:
+    """Motion of three degrees of smoothness, and partly correlated noise.
+
+    θ = log (σ, l) of Matérn 5/2, 7/2 and 3/2, and log n_0: which of the three rules between two
+    samples is for the data to say. Noise of variance n² has a share C correlated over a time of κ
+    sample intervals h, as a motion-capture system's filters have it. From thinned samples the noise
+    cannot be told from motion between them, so part of it is so much of what the motion does in h,
+
+        n² = n_0² + f² Σ_k w_k q_k hᵐ,   q_k = c_k σ_k² (√m/l_k)ᵐ,   m = 5, 7, 3,
+
+    q being the spectral density of the white noise that drives a Matérn process, and n_0 has a
+    prior: flat in log n_0 from a fifth of the soft limit to the limit, falling off on both sides.
+    Where rough motion can stand for the noise, the likelihood hardly falls as n_0 goes to zero, and
+    the errors between the samples would be many times as large as such a process says: samples have
+    to show that they are cleaner than usual. The constants come from ``benchmarks/calibration.py``
+    (``docs/calibration.md``).
     """
 
     correlated_share: float = 0.7
     correlation_intervals: float = 0.7
-    motion_share: float = 0.015
-    length_prior: tuple[float, float] = (math.log(1.2), 0.7)
-    noise_prior_std: float = 0.25
-    shortest: float = 1.5  # of l_a and l_b, in sample intervals
+    motion_share: float = 0.012
+    smooth_length: tuple[float, float] = (math.log(1.2), 0.7)  # of log l of Matérn 7/2, normal
+    usual_noise: float = 0.2  # in soft limits
+    noise_stds: tuple[float, float] = (0.4, 0.25)  # of log n_0, below what is usual and above
+    shortest: float = 1.5  # of l, in sample intervals
+    motions: ClassVar[tuple[_Motion, ...]] = (
+        _Motion(Matern52(), 5, 16.0 / 3.0, 0.45),
+        _Motion(Matern72(), 7, 32.0 / 5.0, 0.36),
+        _Motion(Matern32(), 3, 4.0, 0.62),
+    )
 
     @property
     def kernels(self) -> tuple[Kernel, ...]:
-        """Smooth, rough, correlated noise."""
-        return (Matern52(), Matern32(), Exponential())
+        """Motion, smooth and rough motion, correlated noise."""
+        return (*(motion.kernel for motion in self.motions), Exponential())
 
     def natural(self, theta: Array, grid: Grid) -> tuple[Array, Array]:
-        """Add the two parts of the noise."""
-        s_a, l_a, s_b, l_b, n_0 = np.exp(theta)
-        h, f = grid.interval, self.motion_share
-        smooth = f**2 * 0.45 * h**5 * 16.0 / 3.0 * s_a**2 * (math.sqrt(5.0) / l_a) ** 5
-        rough = f**2 * 0.62 * h**3 * 4.0 * s_b**2 * (math.sqrt(3.0) / l_b) ** 3
-        variance = n_0**2 + smooth + rough
-        slope = np.array([2 * smooth, -5 * smooth, 2 * rough, -3 * rough, 2 * n_0**2]) / variance
+        """Add the parts of the noise."""
+        size = len(theta)
+        stds, lengths, n_0 = np.exp(theta[:-1:2]), np.exp(theta[1:-1:2]), math.exp(theta[-1])
+        within = [
+            self.motion_share**2
+            * motion.share
+            * motion.density
+            * std**2
+            * (math.sqrt(motion.order) * grid.interval / length) ** motion.order
+            for motion, std, length in zip(self.motions, stds, lengths, strict=True)
+        ]
+        variance = n_0**2 + math.fsum(within)
+        slope = np.empty(size)
+        slope[:-1:2] = 2.0 * np.array(within)
+        slope[1:-1:2] = [-m.order * v for m, v in zip(self.motions, within, strict=True)]
+        slope[-1] = 2.0 * n_0**2
         log_noise = 0.5 * math.log(variance)
-        correlated = log_noise + 0.5 * math.log(self.correlated_share)
-        white = log_noise + 0.5 * math.log(1.0 - self.correlated_share)
-        natural = np.array(
-            [*theta[:4], correlated, math.log(self.correlation_intervals * h), white]
-        )
-        jacobian = np.zeros((7, 5))
-        jacobian[:4, :4] = np.eye(4)
-        jacobian[4] = jacobian[6] = 0.5 * slope
+        natural = np.empty(size + 2)
+        natural[: size - 1] = theta[:-1]
+        natural[-3] = log_noise + 0.5 * math.log(self.correlated_share)
+        natural[-2] = math.log(self.correlation_intervals * grid.interval)
+        natural[-1] = log_noise + 0.5 * math.log(1.0 - self.correlated_share)
+        jacobian = np.eye(size + 2, size)
+        jacobian[-3] = jacobian[-1] = 0.5 * slope / variance
         return natural, jacobian
 
     def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array, Array]:
-        """Normal in log l_a; falling off in log n_0 above the soft limit."""
-        gradient, curvature = np.zeros(5), np.zeros(5)
-        centre, std = self.length_prior
-        length = (theta[1] - centre) / std
-        gradient[1] = -length / std
-        noise = max(theta[4] - math.log(grid.soft_limit), 0.0) / self.noise_prior_std
-        gradient[4] = -noise / self.noise_prior_std
-        curvature[1] = 1.0 / std**2
-        curvature[4] = (noise > 0.0) / self.noise_prior_std**2
+        """Normal in log l of Matérn 7/2; flat in log n_0 where it is usual, with normal tails."""
+        gradient, curvature = np.zeros(len(theta)), np.zeros(len(theta))
+        centre, std = self.smooth_length
+        length = (theta[3] - centre) / std
+        gradient[3], curvature[3] = -length / std, 1.0 / std**2
+        highest = math.log(grid.soft_limit)
+        usual = min(max(theta[-1], highest + math.log(self.usual_noise)), highest)
+        std = self.noise_stds[int(theta[-1] > usual)]
+        noise = (theta[-1] - usual) / std
+        gradient[-1], curvature[-1] = -noise / std, float(noise != 0.0) / std**2
         return -0.5 * (length**2 + noise**2), gradient, curvature
 
     def bounds(self, grid: Grid) -> Bounds:
@@ -178,22 +206,24 @@ class SmoothAndRough:
         signal = (math.log(1e-4 * grid.spread), math.log(100.0 * grid.spread))
         length = (math.log(self.shortest * grid.interval), math.log(_LONGEST))
         highest = max(grid.spread, 10.0 * grid.least_noise)
-        return [signal, length, signal, length, (math.log(grid.least_noise), math.log(highest))]
+        noise = (math.log(grid.least_noise), math.log(highest))
+        return [signal, length] * len(self.motions) + [noise]
 
     def starts(self, grid: Grid) -> list[Array]:
-        """Fast or slow smooth motion, fast or slow rough motion, clean or noisy samples."""
+        """Fast or slow smooth motion, fast or slow rougher motion, clean or noisy samples."""
         lengths = (4.0 * grid.interval, 1.5)
-        rough = ((6.0 * grid.interval, 2.0), (5.0, 2.0))
+        rougher = ((6.0 * grid.interval, math.exp(-2.0)), (5.0, math.exp(-2.0)))
         noises = (3e-5, 4e-4, 3e-3)
+        s = grid.spread
         return [
-            np.log([grid.spread, l_a, grid.spread * math.exp(-less), l_b, noise])
-            for l_a, (l_b, less), noise in product(lengths, rough, noises)
+            np.log([s * less, rough, s, smooth, s * less**2, rough, noise])
+            for smooth, (rough, less), noise in product(lengths, rougher, noises)
         ]
 
 
 MODELS: MappingProxyType[str, Model] = MappingProxyType(
     {
-        "matern52": SmoothAndRough(),
+        "matern52": MotionAndNoise(),
         "matern32": OneKernel(Matern32()),
         "squared_exponential": OneKernel(SquaredExponential()),
     }

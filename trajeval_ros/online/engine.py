@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.ground_truth.hyperparameters import (
+    FURTHER_COMPONENTS,
     Component,
     GroupHyperparameters,
     Hyperparameters,
@@ -440,7 +441,7 @@ def _settings(values: Mapping[str, Value]) -> Settings:
     def group(name: str) -> GroupHyperparameters:
         components = [Component(number(f"gp.{name}.signal_std"), number(f"gp.{name}.length_scale"))]
         if values["gp.kernel"] == "matern52":
-            for part in ("rough", "correlated_noise"):
+            for part in FURTHER_COMPONENTS:
                 std, length = (number(f"gp.{name}.{part}_{n}") for n in ("std", "length_scale"))
                 components.append(Component(std, length))
         return GroupHyperparameters(tuple(components), number(f"gp.{name}.noise_std"))

@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS, LEAST_NOISE
+
 Value = str | bool | int | float | tuple[float, ...]
 
 
@@ -127,7 +129,7 @@ def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, .
         ),
         *(
             parameter
-            for part, text in (("rough", "rough motion"), ("correlated_noise", "correlated noise"))
+            for part, text in FURTHER_COMPONENTS.items()
             for parameter in (
                 Parameter(
                     f"gp.{name}.{part}_std",
@@ -278,9 +280,6 @@ _TABLE = (
     ),
 )
 
-# Below, the covariance of the samples is singular but for round-off.
-_LEAST_NOISE = 1e-6
-
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in _TABLE})
 
 
@@ -313,11 +312,11 @@ def complete(values: Mapping[str, object]) -> dict[str, Value]:
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")
     if merged["gp.hyperparameters"] == "fixed":
         for group in ("translation", "rotation"):
-            for part in ("signal_std", "rough_std", "correlated_noise_std"):
-                signal, noise = merged[f"gp.{group}.{part}"], merged[f"gp.{group}.noise_std"]
-                if noise < _LEAST_NOISE * signal:  # type: ignore[operator]
+            for part in ("signal", *FURTHER_COMPONENTS):
+                signal, noise = merged[f"gp.{group}.{part}_std"], merged[f"gp.{group}.noise_std"]
+                if noise < LEAST_NOISE * signal:  # type: ignore[operator]
                     raise ParameterError(
-                        f"gp.{group}.noise_std must be at least {_LEAST_NOISE:g} of "
-                        f"gp.{group}.{part}, got {noise!r} and {signal!r}"
+                        f"gp.{group}.noise_std must be at least {LEAST_NOISE:g} of "
+                        f"gp.{group}.{part}_std, got {noise!r} and {signal!r}"
                     )
     return merged

@@ -10,7 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
+from trajeval_ros.ground_truth.hyperparameters import (
+    FURTHER_COMPONENTS,
+    GroupHyperparameters,
+    Hyperparameters,
+)
 from trajeval_ros.metrics.absolute import Absolute, absolute
 from trajeval_ros.metrics.conventional import Distribution
 from trajeval_ros.metrics.figures import figures
@@ -67,7 +71,7 @@ def _hyperparameters(hyperparameters: Hyperparameters) -> Figures:
 
 
 def _group(group: GroupHyperparameters) -> Figures:
-    prefixes = ("signal", "rough", "correlated_noise")
+    prefixes = ("signal", *FURTHER_COMPONENTS)
     values: Figures = {}
     for prefix, component in zip(prefixes, group.components, strict=False):
         length = "length_scale" if prefix == "signal" else f"{prefix}_length_scale"

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS
 from trajeval_ros.metrics.figures import p_value as two_sided_p_value
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.report.coverage import SECOND, Coverage
@@ -324,11 +325,7 @@ _REASONS = {
 
 
 # Prefix of the names of a kernel's two numbers -> what it stands for.
-_COMPONENTS = {
-    "": "motion",
-    "rough_": "rough motion",
-    "correlated_noise_": "correlated noise",
-}
+_COMPONENTS = {"": "motion"} | {f"{part}_": text for part, text in FURTHER_COMPONENTS.items()}
 
 
 def model(run: Run) -> list[Row]:
