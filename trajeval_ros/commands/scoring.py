@@ -30,8 +30,11 @@ Figures = dict[str, Any]
 
 _NON_FINITE = str(Reason.NON_FINITE)
 
-# So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it.
+# So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it. The
+# report has a point of the running absolute error a chunk, so for it there are as many as this.
 _CHUNK = 40_000_000_000
+_POINTS = 120
+_SECOND = 1_000_000_000
 
 
 def score(
@@ -50,9 +53,12 @@ def score(
     engine = Engine(parameters)
     poses = WholeRun()
     truth, estimate = data.ground_truth, data.estimate
+    chunk = _CHUNK
+    if folder is not None:
+        chunk = min(max(int(np.ptp(estimate.stamps)) // _POINTS, _SECOND), _CHUNK)
     with Progress("evaluating", len(estimate), "poses") as progress:
         done = 0
-        for results in feed(engine, samples(truth), samples(estimate), _CHUNK):
+        for results in feed(engine, samples(truth), samples(estimate), chunk):
             report.add(results)
             poses.add(results)
             if folder is not None:
