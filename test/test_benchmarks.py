@@ -56,7 +56,7 @@ def test_calibration(measured: calibration.Measured) -> None:
         assert 0.01 < score.anees < 100.0
     made = list(calibration.single_cells([measured]))
     made.append(calibration.overview([measured], calibration.with_lag, "a", "title"))
-    made.append(calibration.aims([measured], calibration.with_all_data, "b", "title"))
+    made.append(calibration.aims([measured], calibration.with_all_data, "matern52", "b", "title"))
     for table in made:
         assert {len(row) for row in table.rows} == {len(table.header)}
 
