@@ -25,8 +25,8 @@ _LATEST = 30_000_000_000
 _MOVING = 5.0
 # Learning costs the same at any rate and after any time: of each segment every k-th sample, so that
 # so many are left, and so many segments, evenly over the run.
-_SAMPLES = 40
-_SEGMENTS = 16
+SAMPLES = 40
+SEGMENTS = 16
 _DIGITS = 7
 # More noise than this (m, rad), or than four times the instrument's accuracy, is improbable.
 _SOFT_LIMITS = (2e-3, 5e-3)
@@ -69,7 +69,7 @@ class Lessons:
         """Learn from the segments so far and ``further`` ones; None with too few samples."""
         segments = self._moving + [s for s in further or [] if self._moves(s)]
         segments = segments or self._still + (further or [])
-        segments = segments[:: max(1, -(-len(segments) // _SEGMENTS))]
+        segments = segments[:: max(1, -(-len(segments) // SEGMENTS))]
         translation = self._learn_group(0, segments)
         rotation = self._learn_group(1, segments)
         if translation is None or rotation is None:
@@ -97,7 +97,7 @@ def _record(segment: Segment, columns: slice) -> Record:
     The search for the optimum amplifies the last digit of its data, and that one depends on how the
     samples were cut into batches; rounded, the data are the same bits, and so is what is learned.
     """
-    every = slice(None, None, -(-len(segment) // _SAMPLES))
+    every = slice(None, None, -(-len(segment) // SAMPLES))
     variances = segment.variances
     known = np.zeros(len(segment))
     if variances is not None:
