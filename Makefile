@@ -70,6 +70,7 @@ install: .venv/.installed
 	@$(call environment,.venv,$(PYTHONS),13)
 	@.venv/bin/python -m pip install -qq --constraint requirements/tools.txt \
 		--editable '.[ros,bags,report,terminal,test,bench,check]'
+	@.venv/bin/python -m compileall -q trajeval_ros
 	@$(call installed,.venv)
 	@echo "Installed."
 
