@@ -46,7 +46,7 @@ def test_likelihood_is_the_dense_one(name):
         gp_twin.log_likelihood(NAMES[name], components, 3e-3, r.times, r.values, r.variances)
         for r in data
     )
-    assert Likelihood(model.kernels, data)(natural)[0] == pytest.approx(expected, rel=1e-9)
+    assert Likelihood(model.kernels, data)(natural).value == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -58,11 +58,10 @@ def test_gradient_is_the_finite_difference(name, seed):
         0.0, 0.3, len(model.starts(grid)[0])
     )
     posterior = Posterior(model, grid, data)
-    _, gradient = posterior(theta)
-    for i, slope in enumerate(gradient):
+    for i, slope in enumerate(posterior(theta).gradient):
         step = np.zeros_like(theta)
         step[i] = 1e-5
-        high, low = posterior(theta + step)[0], posterior(theta - step)[0]
+        high, low = posterior(theta + step).value, posterior(theta - step).value
         assert slope == pytest.approx((high - low) / 2e-5, rel=2e-5, abs=2e-3)
 
 
@@ -77,13 +76,13 @@ def test_information_is_the_mean_square_of_the_gradient(name):
     shape = (4000, *template.values.shape)
     drawn = np.linalg.cholesky(covariance) @ rng.normal(size=shape)
     scale = DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, size=(len(drawn), 1, 1))
-    likelihoods = [
-        Likelihood(model.kernels, [Record(template.times, x, template.variances)])
+    fits = [
+        Likelihood(model.kernels, [Record(template.times, x, template.variances)])(natural)
         for x in np.sqrt(scale) * drawn
     ]
-    gradients = np.array([likelihood(natural)[1] for likelihood in likelihoods])
+    gradients = np.array([fit.gradient for fit in fits])
     mean_square = gradients.T @ gradients / len(gradients)
-    mean = np.mean([likelihood.information(natural) for likelihood in likelihoods], axis=0)
+    mean = np.mean([fit.information for fit in fits], axis=0)
     unit = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
     np.testing.assert_allclose(mean_square / unit, mean / unit, atol=0.1)
 
@@ -136,7 +135,7 @@ def test_search_near_the_last_answer_finds_no_worse_one():
     floored = [Record(r.times, r.values, r.variances + 1e-10) for r in data]
     posterior = Posterior(model, grid, floored)
     # What is learned is rounded, so that the highest may be missed by so much.
-    assert posterior(again[1])[0] >= posterior(first[1])[0] - 1e-2
+    assert posterior(again[1]).value >= posterior(first[1]).value - 1e-2
 
 
 def test_three_samples_teach_nothing():
@@ -153,7 +152,7 @@ def test_search_ends_where_the_slope_vanishes(seed):
     found = maximum(posterior, np.clip(model.starts(grid)[0], *bounds.T), bounds)
     inside = (found.theta > bounds[:, 0]) & (found.theta < bounds[:, 1])
     # Half of gᵀ C⁻¹ g is what the next step could gain, nats; but for what makes no difference.
-    curvature = posterior.curvature(found.theta, found.gradient)[np.ix_(inside, inside)]
+    curvature = found.curvature[np.ix_(inside, inside)]
     curvature += 1e-3 * np.eye(len(curvature))
     gradient = found.gradient[inside]
     assert 0.5 * gradient @ np.linalg.solve(curvature, gradient) < 1e-2

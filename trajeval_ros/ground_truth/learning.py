@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -33,11 +33,36 @@ _LONGEST_STEP = 2.0
 _DAMPING = (1e-2, 1e-6, 1e6)
 _DAMPING_STEP = 5.0
 _HOLD = 1e-4
-# The curvature need not be exact: so many records tell it for all.
-_CURVATURE_RECORDS = 8
 # What is found is rounded to so many decimals of its logarithms, a tenth of a per cent: the data
 # say no more, and the search amplifies the last digit of its arithmetic.
 _DECIMALS = 3
+
+
+class Point:
+    """Parameters θ (p,) with their log-posterior, up to a constant."""
+
+    def __init__(self, model: Model, grid: Grid, likelihood: Likelihood, theta: Array) -> None:
+        """Work out the value alone."""
+        self.theta = theta
+        natural, self._jacobian = model.natural(theta, grid)
+        prior, self._slope, self._prior_curvature = model.log_prior(theta, grid)
+        self._fit = likelihood(natural)
+        self.value = self._fit.value + prior
+
+    @cached_property
+    def gradient(self) -> Array:
+        """The gradient, where the value is finite; (p,)."""
+        return np.asarray(self._jacobian.T @ self._fit.gradient + self._slope)
+
+    @cached_property
+    def curvature(self) -> Array:
+        """About the negative second derivative, positive semidefinite, likewise; (p, p)."""
+        information = self._jacobian.T @ self._fit.information @ self._jacobian
+        # The information leaves out what the slope adds. In σ and n, every other parameter, only
+        # the squares count, and a slope g in their logarithm means a second derivative of 2 g.
+        squares = np.zeros(len(self.theta))
+        squares[::2] = np.maximum(2.0 * (self._slope - self.gradient)[::2], 0.0)
+        return np.asarray(information + np.diag(self._prior_curvature + squares))
 
 
 class Posterior:
@@ -48,72 +73,44 @@ class Posterior:
         self._model = model
         self._grid = grid
         self._likelihood = Likelihood(model.kernels, records)
-        some = records[:: -(-len(records) // _CURVATURE_RECORDS)]
-        self._share = len(records) / len(some)
-        self._likelihood_of_some = Likelihood(model.kernels, some)
 
-    def __call__(self, theta: Array) -> tuple[float, Array]:
-        """Return the log-posterior, up to a constant, and its gradient (p,)."""
-        natural, jacobian = self._model.natural(theta, self._grid)
-        value, gradient = self._likelihood(natural)
-        prior, slope, _ = self._model.log_prior(theta, self._grid)
-        return value + prior, jacobian.T @ gradient + slope
-
-    def curvature(self, theta: Array, gradient: Array) -> Array:
-        """Return about the negative second derivative, positive semidefinite; (p, p).
-
-        ``gradient`` (p,) that of the log-posterior at ``theta``, where it is finite.
-        """
-        natural, jacobian = self._model.natural(theta, self._grid)
-        information = self._share * self._likelihood_of_some.information(natural)
-        _, slope, prior = self._model.log_prior(theta, self._grid)
-        # The information leaves out what the slope adds. In σ and n, every other parameter, only
-        # the squares count, and a slope g in their logarithm means a second derivative of 2 g.
-        squares = np.zeros(len(theta))
-        squares[::2] = np.maximum(2.0 * (slope - gradient)[::2], 0.0)
-        return np.asarray(jacobian.T @ information @ jacobian + np.diag(prior + squares))
+    def __call__(self, theta: Array) -> Point:
+        """Return what is known at ``theta``."""
+        return Point(self._model, self._grid, self._likelihood, theta)
 
 
-@dataclass(frozen=True, slots=True)
-class _Point:
-    theta: Array
-    value: float
-    gradient: Array
-
-
-def maximum(posterior: Posterior, start: Array, bounds: Array) -> _Point:
+def maximum(posterior: Posterior, start: Array, bounds: Array) -> Point:
     """Climb from ``start`` (p,) to a maximum within ``bounds`` (p, 2)."""
-    point = _Point(start, *posterior(start))
+    point = posterior(start)
     damping, least, most = _DAMPING
     for _ in range(_MAX_STEPS if math.isfinite(point.value) else 0):
-        curvature = posterior.curvature(point.theta, point.gradient)
         gain = 0.0
         while gain <= 0.0 and damping < most:
-            theta = _step(point, curvature, damping, bounds)
+            theta = _step(point, damping, bounds)
             step = theta - point.theta
-            expected = float(step @ (point.gradient - 0.5 * curvature @ step))
+            expected = float(step @ (point.gradient - 0.5 * point.curvature @ step))
             if not expected > 0.0:
                 damping *= _DAMPING_STEP
                 continue
-            value, gradient = posterior(theta)
-            gain = value - point.value
+            further = posterior(theta)
+            gain = further.value - point.value
             if gain > 0.5 * expected:
                 damping = max(damping / _DAMPING_STEP, least)
             elif not gain > 0.25 * expected:
                 damping *= _DAMPING_STEP
         if gain > 0.0:
-            point = _Point(theta, value, gradient)
+            point = further
         if gain * (1.0 + damping) < _LEAST_GAIN:
             break
     return point
 
 
-def _step(point: _Point, curvature: Array, damping: float, bounds: Array) -> Array:
+def _step(point: Point, damping: float, bounds: Array) -> Array:
     """The next θ; parameters that push against a bound stay."""
     low, high = bounds.T
     free = ~((point.theta <= low) & (point.gradient < 0.0))
     free &= ~((point.theta >= high) & (point.gradient > 0.0))
-    damped = curvature + np.diag(damping * np.diagonal(curvature) + _HOLD)
+    damped = point.curvature + np.diag(damping * np.diagonal(point.curvature) + _HOLD)
     step = np.zeros(len(point.theta))
     step[free] = np.linalg.solve(damped[np.ix_(free, free)], point.gradient[free])
     step *= min(_LONGEST_STEP / np.abs(step).max(initial=_LONGEST_STEP), 1.0)
@@ -141,7 +138,7 @@ def learn(
     bounds = np.array(model.bounds(grid))
     posterior = Posterior(model, grid, floored)
     starts = np.clip(model.starts(grid) if before is None else [before], *bounds.T)
-    starts = sorted(starts, key=lambda start: -posterior(start)[0])[:_SEARCHES]
+    starts = sorted(starts, key=lambda start: -posterior(start).value)[:_SEARCHES]
     best = max((maximum(posterior, start, bounds) for start in starts), key=lambda p: p.value)
     if not math.isfinite(best.value):
         return None
