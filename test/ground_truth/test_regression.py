@@ -21,9 +21,9 @@ KERNELS = (Matern52(), Matern72(), Matern32(), Exponential())
 NAMES = ("Matern52", "Matern72", "Matern32", "Exponential")
 
 
-def a_group(parts=3, noise=1e-3):
-    components = (Component(0.4, 1.3), Component(0.02, 0.4), Component(0.003, 0.05))[:parts]
-    return GroupHyperparameters(components, noise)
+def a_group(parts=4, noise=1e-3):
+    numbers = ((0.4, 1.3), (0.3, 0.9), (0.02, 0.4), (0.003, 0.05))
+    return GroupHyperparameters(tuple(Component(*each) for each in numbers[:parts]), noise)
 
 
 def samples(count, seed=0, interval=0.05):
@@ -34,9 +34,9 @@ def samples(count, seed=0, interval=0.05):
     return times, values, rng.uniform(0.5, 2.0, count) * 1e-6
 
 
-def another_group(parts=3):
-    components = (Component(0.1, 0.7), Component(0.05, 0.2), Component(0.001, 0.02))[:parts]
-    return GroupHyperparameters(components, 2e-3)
+def another_group(parts=4):
+    numbers = ((0.1, 0.7), (0.0, 1.0), (0.05, 0.2), (0.001, 0.02))
+    return GroupHyperparameters(tuple(Component(*each) for each in numbers[:parts]), 2e-3)
 
 
 def conditioned(groups, times, values, noise, batches=1, kernels=KERNELS):
@@ -54,7 +54,7 @@ def both(values, noise, groups=2):
 
 @given(
     count=st.integers(1, 90),
-    parts=st.integers(1, 3),
+    parts=st.integers(1, 4),
     batches=st.integers(1, 5),
     seed=st.integers(0, 99),
     kernel=st.sampled_from([*NAMES, "SquaredExponential", None]),
@@ -154,3 +154,35 @@ def test_samples_at_one_time_are_refused():
     regression = Regression((Matern52(),), (group,), 1)
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         regression.extend(np.zeros(3), np.zeros((3, 1, 1)), np.full((3, 1), -1e-3))
+
+
+@pytest.mark.parametrize("smooth", [0.0, 1000.0])
+@pytest.mark.parametrize("length", [10.0, 1000.0])
+def test_least_noise_beside_the_largest_signal(smooth, length):
+    # What the parameters allow: noise of a millionth of σ, and many samples within a length scale.
+    components = (Component(1000.0, length), Component(smooth, length))
+    times = np.arange(1024) * 1e-4
+    regression = conditioned(
+        (GroupHyperparameters(components, 1e-3),), times, np.zeros((1024, 3)), np.full(1024, 1e-6)
+    )
+    mean, variance = regression.posterior(times, np.full(1024, 1024))
+    assert (np.abs(mean) < 1e-3).all()
+    assert (variance > 0.0).all()
+
+
+def test_samples_that_are_refused_leave_the_others():
+    group = GroupHyperparameters((Component(1.0, 1.0),), 1e-3)
+    times = np.arange(40.0)
+    values, noise = both(np.sin(times)[:, None], np.full(40, 1e-6), 1)
+    regression = Regression((Matern52(),), (group,), 1)
+    regression.extend(times[:33], values[:33], noise[:33])
+    before = regression.posterior(np.array([20.5]), np.array([33]))
+    bad = noise.copy()
+    bad[36] = -2.0
+    with pytest.raises(np.linalg.LinAlgError):
+        regression.extend(times, values, bad)
+    assert regression.count == 33
+    regression.extend(times, values, noise)
+    after = regression.posterior(np.array([20.5]), np.array([33]))
+    np.testing.assert_array_equal(before[0], after[0])
+    np.testing.assert_array_equal(before[1], after[1])

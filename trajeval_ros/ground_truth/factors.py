@@ -79,7 +79,7 @@ class Factor(ABC):
             self.white = _longer(self.white, more)
             self._reserve(more)
         self.times[first:total] = times[first:]
-        self.count = total
+        known, self.count = self.count, total
         begins = np.arange(first, total, _BLOCK)
         blocks = self._covariances(begins, noise)
         ones_and_values = np.zeros((self._groups, len(begins) * _BLOCK, self.white.shape[2]))
@@ -89,6 +89,7 @@ class Factor(ABC):
         try:
             self._add(first // _BLOCK, blocks, right)
         except np.linalg.LinAlgError:
+            self.count = known
             message = "the covariance of the samples is not positive definite"
             raise np.linalg.LinAlgError(message) from None
         return first

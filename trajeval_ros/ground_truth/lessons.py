@@ -67,14 +67,15 @@ class Lessons:
 
     def learn(self, further: list[Segment] | None = None) -> Hyperparameters | None:
         """Learn from the segments so far and ``further`` ones; None with too few samples."""
-        segments = self._moving + [s for s in further or [] if self._moves(s)]
-        segments = segments or self._still + (further or [])
+        moving = self._moving + [s for s in further or [] if self._moves(s)]
+        segments = moving or self._still + (further or [])
         segments = segments[:: max(1, -(-len(segments) // SEGMENTS))]
         translation = self._learn_group(0, segments)
         rotation = self._learn_group(1, segments)
         if translation is None or rotation is None:
             return None
-        self._theta = (translation[1], rotation[1])
+        # What a robot at rest has taught is no place to search near once it moves.
+        self._theta = (translation[1], rotation[1]) if moving else (None, None)
         self._taken += 1
         self._still = []
         if self._taken == _LESSONS:

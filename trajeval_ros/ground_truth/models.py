@@ -116,7 +116,10 @@ class OneKernel:
 
 @dataclass(frozen=True, slots=True)
 class _Motion:
-    """A Matérn process of order m/2, driven by white noise of spectral density c σ² (√m/l)ᵐ."""
+    """A Matérn process of order m/2, driven by white noise of spectral density c σ² (√m/l)ᵐ.
+
+    ``order`` m, ``density`` c, ``share`` w.
+    """
 
     kernel: Kernel
     order: int

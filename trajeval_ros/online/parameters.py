@@ -125,7 +125,7 @@ def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, .
             upper=1e6,
         ),
         Parameter(
-            f"gp.{name}.length_scale", 1.0, f"Length scale of {title}", "s", lower=1e-3, upper=1e6
+            f"gp.{name}.length_scale", 1.0, f"Length scale of {title}", "s", lower=1e-6, upper=1e6
         ),
         *(
             parameter
@@ -144,7 +144,7 @@ def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, .
                     1.0,
                     f"Length scale of the {text} in {title}, with matern52",
                     "s",
-                    lower=1e-3,
+                    lower=1e-6,
                     upper=1e6,
                 ),
             )
@@ -206,7 +206,7 @@ _TABLE = (
         1.0,
         "An estimate further than this from any ground-truth sample is not scored",
         "s",
-        lower=1e-3,
+        lower=1e-6,
         upper=3600.0,
     ),
     Parameter(

@@ -1,0 +1,43 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+
+from trajeval_ros import se3
+from trajeval_ros.ground_truth.lessons import Lessons
+from trajeval_ros.ground_truth.models import MODELS
+from trajeval_ros.ground_truth.segment import Samples, Segment
+
+ACCURACY = (5e-4, 9e-4)
+
+
+def segment(start, moving, seed):
+    """Two seconds at 20 Hz from ``start`` (s) on."""
+    rng = np.random.default_rng(seed)
+    times = start + 0.05 * np.arange(40)
+    waves = np.sin(times[:, None] * [0.9, 1.7, 2.3, 0.8, 1.3, 2.1] + rng.uniform(0.0, 6.0, 6))
+    xi = moving * waves * [0.5, 0.4, 0.1, 0.3, 0.2, 0.2] + rng.normal(0.0, 2e-4, waves.shape)
+    return Segment(Samples((times * 1e9).astype(np.int64), se3.exp(xi)))
+
+
+def taught(lessons, segments):
+    return [learned for each in segments if (learned := lessons.add(each)) is not None]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_rest_at_first_does_not_spoil_what_motion_teaches(name):
+    still = [segment(2.0 * i, False, i) for i in range(18)]
+    moving = [segment(36.0 + 2.0 * i, True, 100 + i) for i in range(9)]
+    rested = taught(Lessons(MODELS[name], ACCURACY), [*still, *moving])
+    assert len(rested) == 2  # from rest, then from motion
+    fresh = Lessons(MODELS[name], ACCURACY).learn(moving[:9])
+    assert fresh is not None
+    assert rested[-1] == fresh
+
+
+def test_lessons_come_at_sums_of_moving_segments():
+    lessons = Lessons(MODELS["matern32"], ACCURACY)
+    at = [i for i in range(40) if lessons.add(segment(2.0 * i, True, i)) is not None]
+    covered = np.cumsum(np.full(40, 39 * 0.05))
+    assert at == [int(np.argmax(covered >= seconds)) for seconds in (8.0, 16.0, 32.0, 64.0)]
