@@ -3,6 +3,7 @@
 """``evaluate`` as its users run it: a real process, its exit code, its output, its files."""
 
 import csv
+import html
 import json
 import math
 import os
@@ -91,6 +92,29 @@ def test_run_ends_well_and_says_where_the_files_are(
     for figure in ("log-likelihood", "chi2/dof", "ATE", "RE", "Estimate", "Ground truth"):
         assert figure in result.stdout
     assert sorted(os.listdir(output)) == ["poses.csv", "report.html", "summary.json"]
+
+
+def remarks(result: subprocess.CompletedProcess[str]) -> list[str]:
+    """Return what follows the figures."""
+    said = ("info: ", "warning: ", "likely cause: ")
+    return [line for line in result.stdout.splitlines() if line.startswith(said)]
+
+
+def test_the_remarks_do_not_depend_on_the_output(
+    evaluated: tuple[subprocess.CompletedProcess[str], Path], run: tuple[Path, Path]
+) -> None:
+    found = remarks(evaluated[0])
+    assert any(line.startswith("info: learned ") for line in found)
+    assert found == remarks(evaluate("tum", *run))
+    page = (evaluated[1] / "report.html").read_text(encoding="utf-8")
+    assert all(html.escape(line.split(": ", 1)[1]) in page for line in found)
+
+
+def test_the_remarks_on_a_strained_run(tmp_path: Path) -> None:
+    pair = [data_file("tum_fr2_desk", name) for name in ("groundtruth", "orb")]
+    found = remarks(evaluate("tum", *pair))
+    assert any("first order does not hold" in line for line in found)
+    assert found == remarks(evaluate("tum", *pair, "--output", tmp_path))
 
 
 def test_rows_sum_to_the_summary(

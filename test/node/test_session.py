@@ -121,6 +121,21 @@ def test_a_change_is_whole_or_not_at_all(tmp_path: Path) -> None:
     run.close()
 
 
+def test_the_report_has_the_notices_that_hold(tmp_path: Path) -> None:
+    run = session(output__directory=str(tmp_path), gp__hyperparameters="auto")
+    truth, estimate = data.run(20.0)
+    for samples in (truth[: len(truth) // 2], truth[len(truth) // 2 :]):
+        run.feed(samples, None)
+        run.advance(None)
+    run.feed(None, estimate)
+    run.finish()
+    run.save()
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    (learned,) = [n for n in run.engine.notices() if n.code == "hyperparameters_learned"]
+    assert page.count("learned translation") == page.count(learned.text) == 1
+    run.close()
+
+
 def test_likely_causes_are_saved(tmp_path: Path) -> None:
     run = session(output__directory=str(tmp_path))
     truth, estimate = data.run(30.0)

@@ -64,6 +64,25 @@ def test_the_others_are_scored_as_if_it_had_never_come(covariance, which):
         assert_same_summary({**mine, "estimate": {}}, {**theirs, "estimate": {}})
 
 
+@pytest.mark.parametrize(
+    ("covariance", "code"),
+    [(GOOD, "estimate_covariance_constant"), (0.0 * GOOD, "estimate_covariance_zero")],
+)
+def test_a_doubt_is_announced_once_and_holds_until_it_is_refuted(covariance, code):
+    run = simulated(3, 10.0, rates=(20.0, 10.0))
+    count = len(run.estimate)
+    estimate = given_covariances(run.estimate, np.broadcast_to(covariance, (count, 6, 6)))
+    engine = Engine({**FIXED, "estimate.use_covariance": True})
+    announced = []
+    for samples in (estimate[:30], estimate[30:60]):
+        engine.add_estimate(samples)
+        announced += engine.advance().notices
+    assert [notice.code for notice in announced] == [code]
+    assert engine.notices() == tuple(announced)
+    engine.add_estimate(given_covariances(estimate[60:], 2.0 * GOOD + estimate.covariances[60:]))
+    assert engine.advance().notices == engine.notices() == ()
+
+
 @settings(max_examples=20)
 @given(
     seed=st.integers(0, 2**32 - 1),

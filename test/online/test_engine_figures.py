@@ -30,6 +30,7 @@ from twins.runs import (
 from trajeval_ros import se3
 from trajeval_ros.metrics.gauge import GAUGES
 from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.summary import whole_run
 
@@ -384,8 +385,8 @@ def test_an_estimate_that_starts_again_at_the_origin():
     assert engine.health().consistency < 1e-9
 
 
-def test_the_notice_of_what_was_learned_comes_once():
-    run = simulated(44, 15.0)
+def test_each_lesson_is_announced_once():
+    run = simulated(44, 20.0)
     engine = Engine({})
     notices = []
     for i in range(0, len(run.ground_truth), 100):
@@ -393,10 +394,24 @@ def test_the_notice_of_what_was_learned_comes_once():
         notices += engine.advance().notices
     engine.add_estimate(run.estimate)
     notices += engine.finish().notices
-    assert [n.code for n in notices] == ["hyperparameters_learned"]
-    assert notices[0].level == "info"
-    assert "\n" not in notices[0].text
+    assert {n.code for n in notices} == {"hyperparameters_learned"}
+    assert {n.level for n in notices} == {"info"}
+    texts = [n.text for n in notices]
+    assert len(set(texts)) == len(texts) > 1
+    assert not any("\n" in text for text in texts)
+    assert engine.notices() == (notices[-1],)
     assert engine.health().hyperparameters is not None
+
+
+def test_what_holds_in_the_end_does_not_depend_on_the_batches():
+    run = simulated(44, 35.0)
+    found = set()
+    for chunk in (SECOND, 10 * SECOND, 100 * SECOND):
+        engine = Engine({})
+        list(feed(engine, run.ground_truth, run.estimate, chunk))
+        found.add(engine.notices())
+    assert [notice.code for notice in found.pop()] == ["hyperparameters_learned"]
+    assert not found
 
 
 def test_results_carry_the_running_figures():

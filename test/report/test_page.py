@@ -54,7 +54,7 @@ def evaluated() -> tuple[Report, dict[str, Any]]:
     for results in feed(engine, *samples):
         report.add(results)
     report.add_received(ground_truth=run.ground_truth.stamps, estimate=run.estimate.stamps)
-    report.notices.append(Notice("warning", "test", "x < y & z"))
+    report.notices = (*engine.notices(), Notice("warning", "test", "x < y & z"))
     return report, engine.summary()
 
 

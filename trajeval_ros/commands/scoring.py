@@ -65,6 +65,7 @@ def score(
                 folder.add(results.evaluations)
             done += len(results.evaluations.stamps)
             progress.update(done)
+    report.notices = engine.notices()
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     summary: Figures = engine.summary()
     _count_unstamped(summary["estimate"], estimate)

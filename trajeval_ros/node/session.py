@@ -122,7 +122,7 @@ class Session:
         return self._record(self.engine.finish())
 
     def _record(self, results: Results) -> Results:
-        if len(results.evaluations) or results.notices:
+        if len(results.evaluations):
             self._report.add(results)
         if self._folder is not None:
             try:
@@ -147,6 +147,7 @@ class Session:
             raise OutputError(self.error)
         self.look_for_causes()
         causes = [asdict(cause) for cause in self._causes]
+        self._report.notices = self.engine.notices()
         try:
             folder.write({**self.summary(), "likely_causes": causes}, self._report.render)
         except OutputError as error:

@@ -54,6 +54,7 @@ PATIENCE = 30_000_000_000
 
 _SELF_CHECK = 1e-6
 _STRAINED = 0.2
+_LEARNED = "hyperparameters_learned"
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,8 +252,9 @@ class Engine:
             return
         self._withdrawn.add(numbers)
         self._estimates.account.reject(Reason.SINGULAR_COVARIANCE, len(stamps))
-        if self._first_singular is None:
-            self._first_singular = int(stamps[0])
+        first = int(stamps.min())
+        if self._first_singular is None or first < self._first_singular:
+            self._first_singular = first
 
     def _until(self, stamps: Stamps) -> Stamps:
         """Stamp of the last sample that answers each of ``stamps`` (n,).
@@ -332,18 +334,28 @@ class Engine:
     def _results(self, evaluations: Evaluations, cross: tuple[Array, ...]) -> Results:
         return Results(
             evaluations,
-            tuple(self._notices()),
+            self._news(),
             self._evaluation.absolute_log_likelihood,
             self._evaluation.alignment,
             cross,
         )
 
-    def _notices(self) -> list[Notice]:
-        """What has come up since the last call; each code once a run."""
+    def _news(self) -> tuple[Notice, ...]:
+        """The notices that are new since the last call: each code once a run, but each lesson."""
+        news = tuple(n for n in self.notices() if _subject(n) not in self._announced)
+        self._announced |= {_subject(n) for n in news}
+        return news
+
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what there is to say of the run as it stands, at most one notice a code.
+
+        After :meth:`finish` it is a function of the data alone, as the figures are; what
+        :class:`~trajeval_ros.online.results.Results` announced on the way need not hold any more.
+        """
         found = []
         hyperparameters = self._ground_truth.hyperparameters
         if hyperparameters is not None and self._values["gp.hyperparameters"] == "auto":
-            found.append(Notice("info", "hyperparameters_learned", _described(hyperparameters)))
+            found.append(Notice("info", _LEARNED, _described(hyperparameters)))
         consistency = self._evaluation.consistency
         if consistency is not None and consistency > _SELF_CHECK:
             found.append(
@@ -372,10 +384,7 @@ class Engine:
                     "definite: are ground truth's or estimate's covariances right?",
                 )
             )
-        found += self._doubts.notices()
-        fresh = [notice for notice in found if notice.code not in self._announced]
-        self._announced |= {notice.code for notice in fresh}
-        return fresh
+        return (*found, *self._doubts.notices())
 
     def health(self) -> Health:
         """Return the state of the inputs and of the computation."""
@@ -460,6 +469,11 @@ def _settings(values: Mapping[str, Value]) -> Settings:
         ),
         joint=values["likelihood.covariance"] == "joint",
     )
+
+
+def _subject(notice: Notice) -> str:
+    """What a notice is announced once for: its code, or the lesson that it tells."""
+    return notice.text if notice.code == _LEARNED else notice.code
 
 
 def _described(hyperparameters: Hyperparameters) -> str:

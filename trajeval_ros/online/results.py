@@ -74,6 +74,9 @@ class Notice:
 class Results:
     """What one call brought about.
 
+    ``notices`` are those that are new; :meth:`~trajeval_ros.online.engine.Engine.notices` has those
+    that hold.
+
     ``absolute_log_likelihood`` (nats) and ``alignment`` (the estimate's world in the ground
     truth's) are those of all poses so far, None before the first. ``cross``, with
     ``likelihood.covariance: joint`` alone: what belongs to ``evaluations.covariance``, as in

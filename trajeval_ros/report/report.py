@@ -16,7 +16,6 @@ from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.track import Track
 
-_MOST_NOTICES = 100
 _NO_EXTRINSIC = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -24,7 +23,8 @@ class Report:
     """A run as the report will show it, in bounded memory.
 
     ``parameters`` are the engine's, ``sources`` say where each trajectory comes from, e.g.
-    ``{"ground truth": "/ground_truth", "estimate": "/odom"}``.
+    ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices``, to be set, are the
+    engine's at the time of the report.
     """
 
     def __init__(self, parameters: Mapping[str, Any], sources: Mapping[str, str]) -> None:
@@ -37,13 +37,11 @@ class Report:
         self.track = Track()
         self.ground_truth = Coverage()
         self.estimate = Coverage()
-        self.notices: list[Notice] = []
+        self.notices: tuple[Notice, ...] = ()
 
     def add(self, results: Results) -> None:
         """Take in what a call of the engine brought about."""
         self.track.add(results)
-        # The first hundred are shown.
-        self.notices += results.notices[: _MOST_NOTICES - len(self.notices)]
 
     def add_received(
         self,
@@ -75,7 +73,7 @@ class Report:
             summary=summary,
             parameters=self.parameters,
             sources=self.sources,
-            notices=tuple(self.notices),
+            notices=self.notices,
             causes=self.causes(),
             buckets=self.track.buckets(),
             ground_truth=self.ground_truth,
