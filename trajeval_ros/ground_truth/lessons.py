@@ -25,7 +25,7 @@ _LATEST = 30_000_000_000
 _MOVING = 5.0
 # Learning costs the same at any rate and after any time: of each segment every k-th sample, so that
 # so many are left, and so many segments, evenly over the run.
-SAMPLES = 40
+SAMPLES = 48
 SEGMENTS = 16
 _DIGITS = 7
 # More noise than this (m, rad), or than four times the instrument's accuracy, is improbable.
