@@ -12,12 +12,14 @@ import pytest
 
 from trajeval_ros import se3
 from trajeval_ros.commands.simulation import simulate
+from trajeval_ros.node.session import UNDECODABLE
+from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.results import Evaluations, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.report import Report
+from trajeval_ros.report import Report, words
 from trajeval_ros.report.series import make_series, vertical_axis
 
 SECTIONS = [
@@ -158,6 +160,18 @@ def test_page_without_matplotlib_has_the_tables_and_says_how_to_get_the_rest(
 def test_page_of_a_run_without_any_evaluated_pose() -> None:
     reader = read(Report(complete({}), {}).render(Engine({}).summary()))
     assert "No estimate has been evaluated." in "".join(reader.text)
+
+
+def test_every_reason_has_a_text() -> None:
+    reasons = [*map(str, Reason), UNDECODABLE]
+    summary: Any = Engine({}).summary()
+    for topic in ("estimate", "ground_truth"):
+        summary[topic]["rejected"] = dict.fromkeys(reasons, 2)
+    rows = words.accounts(Report(complete({}), {}).run(summary))
+    texts = {name: text for name, count, text in rows if count == "2"}
+    assert list(texts) == [f"{t}, {r}" for t in ("Estimate", "Ground truth") for r in reasons]
+    assert all(texts.values())
+    assert texts["Estimate, too_late"] == Reason.TOO_LATE.explanation
 
 
 @pytest.mark.parametrize("evaluated_poses", [1, 2, 3])

@@ -13,6 +13,7 @@ import numpy as np
 
 from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS
 from trajeval_ros.metrics.figures import p_value as two_sided_p_value
+from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.report.coverage import SECOND, Coverage
 from trajeval_ros.report.run import Run
@@ -304,23 +305,16 @@ def accounts(run: Run) -> list[Row]:
         if counts.get("pending"):
             rows.append((f"{title}, pending", f"{counts['pending']:,}", "not decided yet"))
         rows += [
-            (f"{title}, {reason}", f"{count:,}", _REASONS.get(reason, ""))
+            (f"{title}, {reason}", f"{count:,}", _REASONS[reason])
             for reason, count in counts["rejected"].items()
             if count
         ]
     return rows
 
 
-_REASONS = {
-    "non_finite": "a number that is not finite",
-    "zero_quaternion": "a quaternion of norm 0",
-    "unnormalized_quaternion": "a quaternion whose norm is not 1",
-    "duplicate_stamp": "the stamp of a pose before it",
-    "out_of_order": "a stamp before one that had been taken in",
-    "stamp_jump": "an isolated leap in time",
-    "no_ground_truth": "too far from any sample of the ground truth",
-    "outside_ground_truth": "before its first or after its last sample",
-    "too_late": "older than the ground truth that is kept",
+# Those of the engine, and the node's own.
+_REASONS = {str(reason): reason.explanation for reason in Reason} | {
+    "undecodable": "the bytes are not those of the message's type",
 }
 
 
