@@ -138,6 +138,19 @@ def test_the_type_that_the_data_ask_for(covariances: Any) -> None:
 
 
 @ros
+def test_a_stamp_that_does_not_fit_is_named_by_its_row(
+    run: tuple[Path, Path], replay: Start, tmp_path: Path
+) -> None:
+    bad = tmp_path / "estimate.txt"
+    bad.write_text("# stamp tx ty tz qx qy qz qw\n1750000001 0 0 0 0 0 0 1\n-2 0 0 0 0 0 0 1\n")
+    player = replay("tum", run[0], bad, "--wait", 0)
+    output, errors = player.communicate(timeout=60)
+    assert player.returncode == 1
+    assert output == ""
+    assert errors.strip() == f"replay: error: {bad}, row 3: the stamp does not fit a ROS message"
+
+
+@ros
 def test_nobody_listens(run: tuple[Path, Path], replay: Start) -> None:
     player = replay("tum", *run, "--wait", 0.5)
     output, errors = player.communicate(timeout=60)

@@ -89,7 +89,7 @@ def test_tum(write):
     np.testing.assert_array_equal(trajectory.quaternions, [[0.1, 0.2, 0.3, 0.9], [0, 0, 0, 1]])
     assert trajectory.rows.tolist() == [3, 4]
     assert trajectory.source == str(path)
-    assert trajectory.where(1) == f"{path}, row 4"
+    assert trajectory.where(4) == f"{path}, row 4"
     assert len(trajectory) == 2
 
 

@@ -251,7 +251,7 @@ def _check_stamps(trajectory: Trajectory) -> None:
     """Refuse stamps that a message cannot carry, and say which rows cannot be published."""
     outside = (trajectory.stamps < 0) | (trajectory.stamps >= 2**31 * SECOND)
     if outside.any():
-        where = trajectory.where(int(np.argmax(outside)))
+        where = trajectory.where(trajectory.rows[np.argmax(outside)])
         raise CommandError(f"{where}: the stamp does not fit a ROS message")
     count = len(trajectory.non_finite_stamp_rows)
     if count:

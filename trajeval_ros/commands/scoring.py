@@ -132,6 +132,6 @@ def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> l
         rejected[_NON_FINITE] += len(unstamped)
         rows[_NON_FINITE] = min(int(unstamped[0]), rows.get(_NON_FINITE, int(unstamped[0])))
     return [
-        f"{title}: {rejected[reason]:,} {reason}, the first in {trajectory.source}, row {row}"
+        f"{title}: {rejected[reason]:,} {reason}, the first in {trajectory.where(row)}"
         for reason, row in rows.items()
     ]

@@ -73,6 +73,6 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def where(self, index: int) -> str:
-        """File and row of a pose, as in the errors."""
-        return f"{self.source}, row {self.rows[index]}"
+    def where(self, row: int) -> str:
+        """File and row, one of `rows` or of `non_finite_stamp_rows`, as in the errors."""
+        return f"{self.source}, row {row}"
