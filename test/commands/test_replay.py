@@ -135,6 +135,9 @@ def test_the_type_that_the_data_ask_for(covariances: Any) -> None:
     message = odometry.message
     assert message.pose.covariance.tolist() == ([0.0] * 36 if given is None else [*range(36)])
     assert (message.header.frame_id, message.header.stamp.nanosec) == ("map", 5)
+    assert message.child_frame_id == "base_link"
+    transform = player._Template(player._kind("TransformStamped", trajectory), "map").message
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
 
 
 @ros

@@ -44,6 +44,9 @@ _TICK = 0.01
 _CLOCK_INTERVAL = 0.001
 
 
+# The files do not name the body; REP 105 calls it so.
+_BODY = "base_link"
+
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped)
@@ -56,6 +59,8 @@ class _Template:
     def __init__(self, kind: Any, frame: str) -> None:
         self.message = kind()
         self.message.header.frame_id = frame
+        if kind in (Odometry, TransformStamped):
+            self.message.child_frame_id = _BODY
         self._covariance: Any = None
         if kind is TransformStamped:
             transform = self.message.transform
