@@ -209,6 +209,24 @@ def test_batches_do_not_matter(seed, gauge, unit, cuts):
         assert ours.mean == pytest.approx(theirs.mean, rel=1e-9)
 
 
+@pytest.mark.parametrize("cuts", [[], [1, 2, 3, 700], range(0, 1000, 7)])
+def test_a_spread_far_smaller_than_the_mean(monkeypatch, cuts):
+    monkeypatch.setattr(conventional, "_BATCH", 1)
+    errors = 1000.0 + 1e-6 * np.sin(np.arange(1000.0))
+    poses = np.tile(np.eye(4), (1000, 1, 1))
+    absolute, relative = poses.copy(), poses.copy()
+    absolute[:, 0, 3] = errors
+    relative[1:, 0, 3] = np.cumsum(errors[1:] * (-1.0) ** np.arange(999))  # there and back
+    stamps = np.arange(1000) * 100_000_000
+    ate = run(stamps, poses, absolute, "none", 0.1, cuts=cuts).distributions().ate_translation
+    whole = run(stamps, poses, relative, "none", 0.1, cuts=cuts)
+    re = whole.distributions().re_translation
+    assert ate.std == pytest.approx(np.std(errors), rel=1e-6)
+    assert re.std == pytest.approx(np.std(errors[1:]), rel=1e-6)
+    assert ate.mean == pytest.approx(np.mean(errors), rel=1e-14)
+    assert re.mean == pytest.approx(np.mean(errors[1:]), rel=1e-14)
+
+
 def test_the_worlds_do_not_matter():
     stamps, ground_truth, estimate = simulated(4)
     moved = se3.compose(se3.exp(np.array([5.0, 6.0, 7.0, 1.0, -2.0, 0.5])), estimate)

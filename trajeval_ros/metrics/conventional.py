@@ -16,10 +16,12 @@ and p the same of the estimate:
 
 These are evo's APE and RPE (`translation_part`, `rotation_angle_rad`) after ``align``, and equal
 to them to 1e-9 on the same poses. The RMSEs are closed forms of running sums over the whole run;
-ATE's rotation is one to 1e-10 relative (`rotation_moments`). Mean, median, minimum and maximum of
-what depends on an alignment that is not known before the end have no such form. They are exact up
-to `CAPACITY` poses or pairs, and of every 2nd, 4th, ... pose or pair from then on, evenly over the
-run; `Distributions` says of how many. What needs no alignment keeps all but its median exact.
+ATE's rotation is one to 1e-10 relative (`rotation_moments`). Mean, median, standard deviation,
+minimum and maximum of what depends on an alignment that is not known before the end have no such
+form. They are exact up to `CAPACITY` poses or pairs, and of every 2nd, 4th, ... pose or pair from
+then on, evenly over the run; `Distributions` says of how many. What needs no alignment keeps all
+but its median exact. Exact is up to the round-off of the errors themselves: a standard deviation
+keeps its digits beside a mean that is far larger.
 
 In `sim3` a step in metres is measured along the ground truth (evo's ``pairs_from_reference``):
 the estimate's metre is not known before the end. In the other gauges it is measured along the
@@ -77,7 +79,7 @@ class ConventionalFigures:
 
 @dataclasses.dataclass(frozen=True)
 class Distribution:
-    """Statistics of an error, m or rad; evo's mean, median, std, min and max."""
+    """Statistics of an error, m or rad; evo's mean, median, std (over N), min and max."""
 
     mean: float
     median: float
@@ -295,36 +297,47 @@ def _known_scale(alignment: Alignment) -> float | None:
 
 @dataclasses.dataclass(frozen=True)
 class _Running:
-    """Count, sums, minimum and maximum of values >= 0."""
+    """Count, mean, centred sum of squares, minimum and maximum of values >= 0.
+
+    Batches are merged as Chan, Golub and LeVeque do: no digits are lost however small the spread
+    is beside the mean.
+    """
 
     count: int = 0
-    total: float = 0.0
-    squares: float = 0.0
+    mean: float = 0.0
+    centred: float = 0.0
     minimum: float = math.inf
     maximum: float = 0.0
 
     def updated(self, values: Array) -> "_Running":
+        """With values (N,), N > 0."""
+        added, mean = len(values), float(values.mean())
+        count, step = self.count + added, mean - self.mean
+        within = float(((values - mean) ** 2).sum())
         return _Running(
-            self.count + len(values),
-            self.total + float(values.sum()),
-            self.squares + float((values**2).sum()),
+            count,
+            self.mean + step * added / count,
+            self.centred + within + step**2 * self.count * added / count,
             min(self.minimum, float(values.min())),
             max(self.maximum, float(values.max())),
         )
 
     @property
+    def variance(self) -> float:
+        return self.centred / self.count
+
+    @property
     def mean_square(self) -> float:
-        return self.squares / self.count
+        return self.mean**2 + self.variance
 
 
-def _distribution(values: Array, exact: _Running | None = None) -> Distribution:
-    """Of values (N,), N > 0; all but the median from ``exact`` sums where there are any."""
-    known = _Running().updated(values) if exact is None else exact
-    mean = known.total / known.count
+def _distribution(values: Array, whole: _Running | None = None) -> Distribution:
+    """Of values (N,), N > 0; all but the median of the ``whole`` run where that is known."""
+    known = _Running().updated(values) if whole is None else whole
     return Distribution(
-        mean=mean,
+        mean=known.mean,
         median=float(np.median(values)),
-        std=math.sqrt(max(known.mean_square - mean**2, 0.0)),
+        std=math.sqrt(known.variance),
         minimum=known.minimum,
         maximum=known.maximum,
     )
