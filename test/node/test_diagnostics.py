@@ -9,6 +9,11 @@ from dataclasses import replace
 
 import pytest
 
+from trajeval_ros.ground_truth.hyperparameters import (
+    Component,
+    GroupHyperparameters,
+    Hyperparameters,
+)
 from trajeval_ros.node.diagnostics import (
     ClockState,
     Finding,
@@ -25,6 +30,7 @@ from trajeval_ros.node.diagnostics import (
 from trajeval_ros.node.discovery import Endpoint, Offer, Plan
 from trajeval_ros.node.figures import STATUSES, flatten
 from trajeval_ros.node.inputs import InputState
+from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.online.results import Health, TopicHealth
 from trajeval_ros.report.causes import Cause
 
@@ -143,6 +149,16 @@ def test_consistency() -> None:
     assert "learning" in check_consistency(HEALTH).message
     assert check_consistency(replace(HEALTH, consistency=1e-12)).level == Level.OK
     assert check_consistency(replace(HEALTH, consistency=1e-3)).level == Level.WARN
+
+
+def test_learned_hyperparameters_are_given_by_the_names_of_the_parameters() -> None:
+    group = GroupHyperparameters((Component(0.1, 2.0), Component(0.2, 3.0)), 1e-3)
+    status = check_consistency(replace(HEALTH, hyperparameters=Hyperparameters(group, group)))
+    values = {name: value for name, value in status.values.items() if name.startswith("gp.")}
+    assert set(values) <= set(PARAMETERS)
+    assert values["gp.translation.signal_std"] == "0.1"
+    assert values["gp.translation.smooth_length_scale"] == "3.0"
+    assert values["gp.rotation.noise_std"] == "0.001"
 
 
 def test_likely_causes_are_said_with_evidence_and_advice() -> None:

@@ -53,6 +53,15 @@ class GroupHyperparameters:
         """Raise :class:`ValueError` unless the noise is positive and finite."""
         _require_positive(noise_std=self.noise_std)
 
+    @property
+    def named(self) -> dict[str, float]:
+        """The numbers by the names of the parameters ``gp.translation.*`` and ``gp.rotation.*``."""
+        values: dict[str, float] = {}
+        for part, component in zip(("signal", *FURTHER_COMPONENTS), self.components, strict=False):
+            length = "length_scale" if part == "signal" else f"{part}_length_scale"
+            values |= {f"{part}_std": component.std, length: component.length_scale}
+        return {**values, "noise_std": self.noise_std}
+
 
 @dataclass(frozen=True, slots=True)
 class Hyperparameters:

@@ -233,18 +233,20 @@ def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
                 f"first-order AE and RE differ by {health.consistency:.1e}, more than round-off",
             )
         )
-    learned = health.hyperparameters is not None
+    known = health.hyperparameters
+    groups = {} if known is None else {"translation": known.translation, "rotation": known.rotation}
     values: dict[str, object] = {
         "segments": health.segments,
         "relative_difference": health.consistency,
-        "hyperparameters": "known" if learned else "learning",
+        "hyperparameters": "learning" if known is None else "known",
+        **{f"gp.{g}.{name}": v for g, group in groups.items() for name, v in group.named.items()},
         **{f"likely_cause_{cause.code}": cause.text for cause in causes},
         **{f"advice_{cause.code}": cause.advice for cause in causes},
     }
     return merge(
         "consistency",
         findings,
-        "consistent" if learned else "learning the ground truth's hyperparameters",
+        "learning the ground truth's hyperparameters" if known is None else "consistent",
         values,
     )
 

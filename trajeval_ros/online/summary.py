@@ -10,11 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.hyperparameters import (
-    FURTHER_COMPONENTS,
-    GroupHyperparameters,
-    Hyperparameters,
-)
+from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.metrics.absolute import Absolute, absolute
 from trajeval_ros.metrics.conventional import Distribution
 from trajeval_ros.metrics.figures import figures
@@ -65,18 +61,9 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
 def _hyperparameters(hyperparameters: Hyperparameters) -> Figures:
     """By the names of the parameters ``gp.*``, so that they can be pasted back."""
     return {
-        "translation": _group(hyperparameters.translation),
-        "rotation": _group(hyperparameters.rotation),
+        "translation": hyperparameters.translation.named,
+        "rotation": hyperparameters.rotation.named,
     }
-
-
-def _group(group: GroupHyperparameters) -> Figures:
-    prefixes = ("signal", *FURTHER_COMPONENTS)
-    values: Figures = {}
-    for prefix, component in zip(prefixes, group.components, strict=False):
-        length = "length_scale" if prefix == "signal" else f"{prefix}_length_scale"
-        values |= {f"{prefix}_std": component.std, length: component.length_scale}
-    return {**values, "noise_std": group.noise_std}
 
 
 def _likelihood(likelihood: GaussianLogLikelihood | None, poses: int) -> Figures:
