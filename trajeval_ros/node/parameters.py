@@ -35,8 +35,8 @@ _TYPES = {
     tuple: ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
 
-Change = Callable[[Mapping[str, Value]], None]
-"""Puts changed parameters into effect; raises ParameterError, before any is, to refuse them."""
+Change = Callable[[Mapping[str, object]], None]
+"""Validates changed parameters and puts them into effect, all or, with a ParameterError, none."""
 
 
 def declare(node: Node) -> dict[str, Value]:
@@ -79,13 +79,7 @@ def watch(node: Node, change: Change) -> None:
             # rclpy refuses it only after us, when ours would be in effect.
             if not isinstance(given.get("use_sim_time", False), bool):
                 raise ParameterError("use_sim_time must be a bool")
-            change(
-                {
-                    name: PARAMETERS[name].validate(value)
-                    for name, value in given.items()
-                    if name in PARAMETERS
-                }
-            )
+            change({name: value for name, value in given.items() if name in PARAMETERS})
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

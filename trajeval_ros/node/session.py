@@ -188,7 +188,7 @@ class Session:
             except OutputError as error:
                 self.error = str(error)
 
-    def change(self, changes: Mapping[str, Value]) -> None:
+    def change(self, changes: Mapping[str, object]) -> None:
         """Put changed parameters into effect, all of them or none.
 
         Raises
