@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.commands.console import CommandError, Progress
-from trajeval_ros.commands.inputs import Inputs
+from trajeval_ros.commands.inputs import SECOND, Inputs
 from trajeval_ros.files.output import OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.metrics.gauge import GAUGES
@@ -34,7 +34,6 @@ _NON_FINITE = str(Reason.NON_FINITE)
 # report has a point of the running absolute error a chunk, so for it there are as many as this.
 _CHUNK = 40_000_000_000
 _POINTS = 120
-_SECOND = 1_000_000_000
 
 
 def score(
@@ -55,7 +54,7 @@ def score(
     truth, estimate = data.ground_truth, data.estimate
     chunk = _CHUNK
     if folder is not None:
-        chunk = min(max(int(np.ptp(estimate.stamps)) // _POINTS, _SECOND), _CHUNK)
+        chunk = min(max(int(np.ptp(estimate.stamps)) // _POINTS, SECOND), _CHUNK)
     with Progress("evaluating", len(estimate), "poses") as progress:
         done = 0
         for results in feed(engine, samples(truth), samples(estimate), chunk):

@@ -106,10 +106,10 @@ class Regression:
         u``, for any number of t_i.
         """
         white = self._factor.whitened(times[known:], counts)
-        products, _ = self._factor.products(times[known:], counts)
-        drawn = (1.0 - products[..., 0]) / self._sums[:, counts - 1, 0]
         rows = white.shape[2]
-        right = white + drawn[..., None] * self._factor.white[:, None, :rows, 0]
+        ones = self._factor.white[:, :rows, 0]
+        drawn = (1.0 - np.einsum("gqi,gi->gq", white, ones)) / self._sums[:, counts - 1, 0]
+        right = white + drawn[..., None] * ones[:, None]
         right *= np.arange(rows) < counts[:, None]
         weights = self._factor.weights(right, counts)
         samples = self._kernel(np.abs(times[:, None] - self._factor.times[:rows]))
