@@ -37,10 +37,10 @@ from benchmarks.tables import (
 from trajeval_ros import se3
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.ground_truth import likelihood, regression, trajectory
-from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.kernels import Matern52
 from trajeval_ros.ground_truth.lessons import Lessons
 from trajeval_ros.ground_truth.models import MODELS, OneKernel
+from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import Segmentation, SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
@@ -149,7 +149,7 @@ def fitted(samples: Samples, process: str, batch: int = _BATCH) -> GroundTruth:
     return ground_truth
 
 
-def _learned(samples: Samples, kernel: str) -> Hyperparameters | None:
+def _learned(samples: Samples, kernel: str) -> Process | None:
     """Learn from all segments at once, before the first prediction."""
     segmentation = Segmentation(SHAPE)
     for _ in segmentation.append(samples):

@@ -35,8 +35,9 @@ from trajeval_ros.ground_truth.hyperparameters import (
 )
 from trajeval_ros.ground_truth.lessons import SAMPLES, SEGMENTS, Lessons
 from trajeval_ros.ground_truth.models import MODELS
+from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.regression import scale
-from trajeval_ros.ground_truth.segment import Process, Samples, Segment
+from trajeval_ros.ground_truth.segment import Samples, Segment
 from trajeval_ros.ground_truth.segmentation import Blended, Segmentation, SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
 from trajeval_ros.online.parameters import PARAMETERS
@@ -345,14 +346,14 @@ def refit_peer(
 def learning_targets(samples: Samples) -> Iterator[Target]:
     """Time all that is learned on the way, and scikit-learn's search on single segments."""
     segments = [each.segment for each in segments_of(samples)]
-    learned: list[Hyperparameters] = []
+    learned: list[Process] = []
 
     def lessons() -> None:
         collected = Lessons(MODELS[KERNEL], ACCURACY)
         learned.extend(h for segment in segments if (h := collected.add(segment)) is not None)
 
     ours = in_turn(3, lessons).min()
-    start = learned[-1]
+    start = learned[-1].hyperparameters
 
     def search(segment: Segment, every: int) -> float:
         begin = time.process_time()

@@ -9,6 +9,7 @@ from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM, Compon
 from trajeval_ros.ground_truth.learning import Posterior, learn, maximum
 from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import MODELS, Grid
+from trajeval_ros.ground_truth.regimes import USUAL
 
 NAMES = {
     "matern52": ("Matern52", "Matern72", "Matern32", "Exponential"),
@@ -99,7 +100,7 @@ def test_learns_what_the_data_were_drawn_from():
         data.append(Record(times, values, np.zeros(60)))
     found = learn(MODELS["matern32"], data, 1e-5, 2e-3)
     assert found is not None
-    group = found[0]
+    group = found.under(USUAL)
     assert group.noise_std == pytest.approx(5e-3, rel=0.15)
     # σ and l are known through σ²/l³, the strength of the driving noise, far better than alone.
     assert group.components[0].std ** 2 / group.components[0].length_scale ** 3 == pytest.approx(
@@ -112,7 +113,7 @@ def test_the_instrument_is_the_floor_of_the_noise():
     for name, model in MODELS.items():
         found = learn(model, clean, 1e-3, 4e-3)
         assert found is not None, name
-        assert found[0].noise_std >= 1e-3, name
+        assert found.under(USUAL).noise_std >= 1e-3, name
 
 
 def test_one_wild_segment_does_not_carry_the_others_away():
@@ -121,7 +122,7 @@ def test_one_wild_segment_does_not_carry_the_others_away():
     usual, found = (learn(MODELS["matern52"], d, 1e-5, 2e-3) for d in (data, wild))
     assert usual is not None
     assert found is not None
-    ratio = found[0].noise_std / usual[0].noise_std
+    ratio = found.under(USUAL).noise_std / usual.under(USUAL).noise_std
     assert 0.3 < ratio < 3.0
 
 
@@ -130,12 +131,12 @@ def test_search_near_the_last_answer_finds_no_worse_one():
     model, grid = MODELS["matern52"], grid_of(data)
     first = learn(model, data[:3], 1e-5, 2e-3)
     assert first is not None
-    again = learn(model, data, 1e-5, 2e-3, before=first[1])
+    again = learn(model, data, 1e-5, 2e-3, before=first.theta)
     assert again is not None
     floored = [Record(r.times, r.values, r.variances + 1e-10) for r in data]
     posterior = Posterior(model, grid, floored)
     # What is learned is rounded, so that the highest may be missed by so much.
-    assert posterior(again[1]).value >= posterior(first[1]).value - 1e-2
+    assert posterior(again.theta).value >= posterior(first.theta).value - 1e-2
 
 
 def test_three_samples_teach_nothing():
@@ -174,11 +175,11 @@ def drawn(length_scale, noise, segments=8, count=40, interval=0.1):
 def test_samples_that_do_not_show_their_noise_are_taken_to_have_the_usual(soft_limit):
     found = learn(MODELS["matern52"], drawn(0.3, noise=1e-6), 1e-5, soft_limit)
     assert found is not None
-    assert 0.15 * soft_limit < np.exp(found[1][-1]) < 1.1 * soft_limit
+    assert 0.15 * soft_limit < np.exp(found.theta[-1]) < 1.1 * soft_limit
 
 
 @pytest.mark.parametrize("noise", [3e-5, 1e-3])
 def test_samples_that_show_their_noise_are_believed(noise):
     found = learn(MODELS["matern52"], drawn(30.0, noise, count=60), 1e-6, 5e-3)
     assert found is not None
-    assert 0.5 * noise < np.exp(found[1][-1]) < 3.0 * noise
+    assert 0.5 * noise < np.exp(found.theta[-1]) < 3.0 * noise

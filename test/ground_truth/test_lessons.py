@@ -30,10 +30,14 @@ def test_rest_at_first_does_not_spoil_what_motion_teaches(name):
     still = [segment(2.0 * i, False, i) for i in range(18)]
     moving = [segment(36.0 + 2.0 * i, True, 100 + i) for i in range(9)]
     rested = taught(Lessons(MODELS[name], ACCURACY), [*still, *moving])
-    assert len(rested) == 2  # from rest, then from motion
+    assert len(rested) == 3  # from rest, then from 8 s and from 16 s of motion
     fresh = Lessons(MODELS[name], ACCURACY).learn(moving[:9])
     assert fresh is not None
-    assert rested[-1] == fresh
+    for group, alone in zip(rested[-1].groups, fresh.groups, strict=True):
+        assert 0.5 < group.noise_std / alone.noise_std < 2.0
+        # What the motion does within a sample interval, by the roughest part.
+        strengths = [max(c.std / c.length_scale for c in g.components[:3]) for g in (group, alone)]
+        assert 0.4 < strengths[0] / strengths[1] < 2.5
 
 
 def test_lessons_come_at_sums_of_moving_segments():
@@ -41,3 +45,11 @@ def test_lessons_come_at_sums_of_moving_segments():
     at = [i for i in range(40) if lessons.add(segment(2.0 * i, True, i)) is not None]
     covered = np.cumsum(np.full(40, 39 * 0.05))
     assert at == [int(np.argmax(covered >= seconds)) for seconds in (8.0, 16.0, 32.0, 64.0)]
+
+
+def test_rest_alone_teaches_its_noise():
+    still = [segment(2.0 * i, False, i) for i in range(18)]
+    (process,) = taught(Lessons(MODELS["matern52"], (1e-5, 1e-5)), still)
+    for learned in process.learned:
+        total = np.exp(learned.theta[-1])
+        assert 1.6e-4 < total < 2.6e-4

@@ -65,8 +65,10 @@ def test_the_answer_is_the_weighted_one_of_the_segments(times, shape):
         for blended in segmentation:
             weight = blended.weight(stamps[i : i + 1])[0]
             if weight > 0.0:
-                process = truth._process(blended.index)
-                asked = blended.segment.posterior(process, stamps[i : i + 1], until[i : i + 1])
+                blended.segment.begin(truth._process(blended.index))
+                blended.segment.advance()
+                (epoch,) = blended.segment.epochs
+                asked = blended.segment.posterior(epoch, stamps[i : i + 1], until[i : i + 1])
                 answered = in_world([asked])
                 poses.append(answered.poses[0])
                 covariances.append(answered.covariances[0])
@@ -114,7 +116,11 @@ def test_there_is_something_to_jump_between():
     first, second = list(segmentation)[:2]
     stamps = np.array([second.incoming.begin + SECOND // 7])
     process = ground_truth(samples)._process(0)
-    asked = [b.segment.posterior(process, stamps, samples.stamps[-1:]) for b in (first, second)]
+    asked = []
+    for segment in (first.segment, second.segment):
+        segment.begin(process)
+        segment.advance()
+        asked.append(segment.posterior(segment.epochs[0], stamps, samples.stamps[-1:]))
     answers = [in_world([answer]) for answer in asked]
     assert np.abs(answers[0].poses - answers[1].poses).max() > 1e-6
     first, second = (np.trace(answer.covariances[0]) for answer in answers)

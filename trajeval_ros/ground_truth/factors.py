@@ -111,6 +111,11 @@ class Factor(ABC):
         np.einsum("gbii->gbi", blocks)[...] = diagonal.reshape(blocks.shape[:3])
         return blocks
 
+    @property
+    @abstractmethod
+    def pivots(self) -> Array:
+        """The diagonal of L; (G, rows), rows beyond the samples meaning nothing."""
+
     @abstractmethod
     def _reserve(self, more: int) -> None:
         """Make room for so many more rows."""
@@ -147,6 +152,11 @@ class MarkovFactor(Factor):
         self._past = np.empty((groups, 0, _BLOCK, rank))  # W_b
         self._step = np.empty((groups, 0, rank, rank))  # Φ
         self._sums = np.empty((groups, 0, rank, 1 + coordinates + rank))  # [N M] at its end
+
+    @property
+    def pivots(self) -> Array:
+        """Block after block."""
+        return np.asarray(np.einsum("gbii->gbi", self._lower).reshape(self._groups, -1))
 
     def _reserve(self, more: int) -> None:
         self._lower = _longer(self._lower, more // _BLOCK)
@@ -288,6 +298,11 @@ class DenseFactor(Factor):
         """Start without samples."""
         super().__init__(kernel, coordinates)
         self._lower = np.empty((self._groups, 0, 0))
+
+    @property
+    def pivots(self) -> Array:
+        """Of the one matrix."""
+        return np.asarray(np.einsum("gii->gi", self._lower))
 
     def _reserve(self, more: int) -> None:
         old = self._lower.shape[1]

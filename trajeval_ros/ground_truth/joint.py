@@ -36,7 +36,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.segment import Answer, Process, Segment
+from trajeval_ros.ground_truth.adaptation import Epoch
+from trajeval_ros.ground_truth.segment import Answer, Segment
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -52,15 +53,15 @@ _WHITE_PRIOR = 2.0**-46
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A segment's share in the answers to a batch of queries.
+    """An epoch's share in the answers to a batch of queries.
 
-    ``asked`` (n,) are the indices of those it answers, in their order; ``share`` (n,) the
-    segment's weights there.
+    ``index``: its segment's, and its own in that; ``asked`` (n,) are the indices of the queries it
+    answers, in their order; ``share`` (n,) the segment's weights there.
     """
 
-    index: int
+    index: tuple[int, int]
     segment: Segment
-    process: Process
+    epoch: Epoch
     asked: Indices
     share: Array
 
@@ -90,7 +91,7 @@ class JointCovariance:
     def __init__(self) -> None:
         """Start without queries."""
         self._count = 0
-        self._remembered: dict[int, _Queries] = {}
+        self._remembered: dict[tuple[int, int], _Queries] = {}
 
     def extend(
         self,
@@ -137,7 +138,7 @@ class JointCovariance:
     def _add(self, cross: list[Array], part: Part, queries: _Queries, until: Stamps) -> None:
         """Add one segment's term to the covariances of its new queries with all of its queries."""
         known = len(queries.places) - len(part.asked)
-        rows = part.segment.cross_variances(part.process, queries.stamps, known, until[part.asked])
+        rows = part.segment.cross_variances(part.epoch, queries.stamps, known, until[part.asked])
         for j, (row, target) in enumerate(zip(rows, part.asked, strict=True)):
             earlier = known + j
             if earlier:
@@ -152,7 +153,7 @@ def _unmixing(covariances: Array, parts: list[Part], answers: list[Answer]) -> A
     mixed = np.zeros_like(covariances)
     for part, answer in zip(parts, answers, strict=True):
         root = answer.to_body * answer.scales[:, None]
-        variance, noise = part.process.variances
+        variance, noise = part.epoch.process.variances
         white = (
             _WHITE_PRIOR * variance * (1.0 + np.sqrt(answer.variances) / (answer.scales * noise))
         )

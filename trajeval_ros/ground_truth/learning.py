@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.hyperparameters import LEAST_NOISE, Component, GroupHyperparameters
 from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import Grid, Model
+from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
 
 Array = npt.NDArray[np.float64]
 
@@ -36,28 +36,47 @@ _HOLD = 1e-4
 # What is found is rounded to so many decimals of its logarithms, a tenth of a per cent: the data
 # say no more, and the search amplifies the last digit of its arithmetic.
 _DECIMALS = 3
+# Regimes that a segment may be in, so many nats more probable than the usual one, and how often the
+# search is made anew with what was found of them.
+_REGIMES = tuple(
+    Regime(motion, noise) for motion in (0, *range(-16, -2, 2), 3, 5) for noise in (0, -2, 2, 4)
+)
+_CLEARLY = 10.0
+# They are looked for where a segment's mean square, standardised, is off one by more than this.
+_MISFIT = 3.0
+_ROUNDS = 2
 
 
 class Point:
     """Parameters θ (p,) with their log-posterior, up to a constant."""
 
-    def __init__(self, model: Model, grid: Grid, likelihood: Likelihood, theta: Array) -> None:
-        """Work out the value alone."""
+    def __init__(
+        self,
+        model: Model,
+        grid: Grid,
+        parts: Sequence[tuple[Regime, Likelihood]],
+        theta: Array,
+    ) -> None:
+        """Work out the value alone; ``parts``: the likelihoods of the records in each regime."""
         self.theta = theta
-        natural, self._jacobian = model.natural(theta, grid)
+        natural = [model.natural(regime.of(theta), grid) for regime, _ in parts]
         prior, self._slope, self._prior_curvature = model.log_prior(theta, grid)
-        self._fit = likelihood(natural)
-        self.value = self._fit.value + prior
+        self._fits = [
+            (likelihood(values), jacobian)
+            for (_, likelihood), (values, jacobian) in zip(parts, natural, strict=True)
+        ]
+        self.value = math.fsum(fit.value for fit, _ in self._fits) + prior
 
     @cached_property
     def gradient(self) -> Array:
         """The gradient, where the value is finite; (p,)."""
-        return np.asarray(self._jacobian.T @ self._fit.gradient + self._slope)
+        slopes = [jacobian.T @ fit.gradient for fit, jacobian in self._fits]
+        return np.asarray(sum(slopes, self._slope))
 
     @cached_property
     def curvature(self) -> Array:
         """About the negative second derivative, positive semidefinite, likewise; (p, p)."""
-        information = self._jacobian.T @ self._fit.information @ self._jacobian
+        information = sum(jacobian.T @ fit.information @ jacobian for fit, jacobian in self._fits)
         # The information leaves out what the slope adds. In σ and n, every other parameter, only
         # the squares count, and a slope g in their logarithm means a second derivative of 2 g.
         squares = np.zeros(len(self.theta))
@@ -66,17 +85,32 @@ class Point:
 
 
 class Posterior:
-    """The log-posterior of a model's parameters θ (p,) given records."""
+    """The log-posterior of a model's parameters θ (p,) given records, each in a regime."""
 
-    def __init__(self, model: Model, grid: Grid, records: Sequence[Record]) -> None:
-        """Take at least one record."""
+    def __init__(
+        self,
+        model: Model,
+        grid: Grid,
+        records: Sequence[Record],
+        regimes: Sequence[Regime] | None = None,
+    ) -> None:
+        """Take at least one record; without ``regimes``, all in the usual one."""
         self._model = model
         self._grid = grid
-        self._likelihood = Likelihood(model.kernels, records)
+        each = regimes or [USUAL] * len(records)
+        self._parts = [
+            (
+                regime,
+                Likelihood(
+                    model.kernels, [r for r, x in zip(records, each, strict=True) if x == regime]
+                ),
+            )
+            for regime in sorted(set(each))
+        ]
 
     def __call__(self, theta: Array) -> Point:
         """Return what is known at ``theta``."""
-        return Point(self._model, self._grid, self._likelihood, theta)
+        return Point(self._model, self._grid, self._parts, theta)
 
 
 def maximum(posterior: Posterior, start: Array, bounds: Array) -> Point:
@@ -120,30 +154,80 @@ def _step(point: Point, damping: float, bounds: Array) -> Array:
 def learn(
     model: Model,
     records: Sequence[Record],
-    noise_std: float,
+    accuracy: float,
     soft_limit: float,
     before: Array | None = None,
-) -> tuple[GroupHyperparameters, Array] | None:
-    """Return the hyperparameters that are most probable given ``records``; None without data.
+    moving: bool = True,
+) -> Learned | None:
+    """Return what is most probable given ``records``; None without data.
 
-    ``noise_std``: the instrument's accuracy, which adds to the learned noise; ``soft_limit``: more
-    noise than this is improbable; ``before``: the θ learned from less data, near which alone it
-    then searches. Also returns θ.
+    ``accuracy``: the instrument's, which adds to the learned noise; ``soft_limit``: more noise than
+    this is improbable; ``before``: the θ learned from less data, near which alone it then searches.
+    Without ``moving`` the records show noise alone, and the motion to come is taken to be common.
     """
     records = [record for record in records if len(record.times) > 3]
     if not records:
         return None
-    grid = Grid.of([r.times for r in records], [r.values for r in records], noise_std, soft_limit)
-    floored = [Record(r.times, r.values, r.variances + noise_std**2) for r in records]
+    grid = Grid.of([r.times for r in records], [r.values for r in records], accuracy, soft_limit)
+    floored = [Record(r.times, r.values, r.variances + accuracy**2) for r in records]
     bounds = np.array(model.bounds(grid))
-    posterior = Posterior(model, grid, floored)
-    starts = np.clip(model.starts(grid) if before is None else [before], *bounds.T)
-    starts = sorted(starts, key=lambda start: -posterior(start).value)[:_SEARCHES]
-    best = max((maximum(posterior, start, bounds) for start in starts), key=lambda p: p.value)
-    if not math.isfinite(best.value):
+    if moving:
+        starts = model.starts(grid) if before is None else [before]
+        starts = [np.clip(start, *bounds.T) for start in starts]
+    else:
+        common = model.common(grid)
+        common[-1] = math.log(max(_differences(records), math.exp(bounds[-1, 0])))
+        bounds[:-1] = common[:-1, None]
+        bounds[-1, 1] = max(bounds[-1, 1], common[-1] + 1.0)
+        starts = [common]
+    point, regimes = _searched(model, grid, floored, starts, bounds)
+    if not math.isfinite(point.value):
         return None
-    theta = np.clip(best.theta.round(_DECIMALS), *bounds.T)
-    *pairs, noise = (float(v) for v in np.exp(model.natural(theta, grid)[0]))
-    components = tuple(map(Component, pairs[::2], pairs[1::2]))
-    noise = max(math.hypot(noise, noise_std), LEAST_NOISE * max(pairs[::2]))
-    return GroupHyperparameters(components, noise), theta
+    theta = np.clip(point.theta.round(_DECIMALS), *bounds.T)
+    return Learned(model, grid, theta, accuracy, frozenset(regimes))
+
+
+def _searched(
+    model: Model, grid: Grid, records: Sequence[Record], starts: Sequence[Array], bounds: Array
+) -> tuple[Point, list[Regime]]:
+    """The best that is found from ``starts``, and the regime of each record there."""
+    regimes = [USUAL] * len(records)
+    if len(starts) == 1:
+        regimes = _regimes(model, grid, records, starts[0])
+    for _ in range(_ROUNDS):
+        posterior = Posterior(model, grid, records, regimes)
+        starts = sorted(starts, key=lambda start: -posterior(start).value)[:_SEARCHES]
+        found = [maximum(posterior, start, bounds) for start in starts]
+        best = max(found, key=lambda point: point.value)
+        again = _regimes(model, grid, records, best.theta)
+        if again == regimes or not math.isfinite(best.value):
+            break
+        regimes, starts = again, [best.theta]
+    return best, regimes
+
+
+def _differences(records: Sequence[Record]) -> float:
+    """The white noise that explains what neighbouring samples differ by."""
+    squares = np.concatenate([np.diff(r.values, axis=0).ravel() ** 2 for r in records])
+    return math.sqrt(0.5 * float(np.mean(squares)))
+
+
+def _regimes(model: Model, grid: Grid, records: Sequence[Record], theta: Array) -> list[Regime]:
+    """The regime of each record, given what is usual: another one where that does not fit."""
+    usual = Likelihood(model.kernels, records)(model.natural(theta, grid)[0])
+    misfit = (usual.fits > _MISFIT) | (usual.fits < 1.0 / _MISFIT)
+    doubtful = np.flatnonzero(misfit).tolist()
+    found = [USUAL] * len(records)
+    if not len(doubtful):
+        return found
+    likelihood = Likelihood(model.kernels, [records[i] for i in doubtful])
+    values = np.array(
+        [
+            likelihood(model.natural(regime.of(theta), grid)[0]).values + regime.log_prior
+            for regime in _REGIMES
+        ]
+    )
+    for i, n, value in zip(doubtful, values.argmax(axis=0), values.max(axis=0), strict=True):
+        if value > usual.values[i] + _CLEARLY:
+            found[i] = _REGIMES[n]
+    return found

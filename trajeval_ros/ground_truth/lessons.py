@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.ground_truth import learning
-from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters, Hyperparameters
 from trajeval_ros.ground_truth.likelihood import Record
 from trajeval_ros.ground_truth.models import Model
+from trajeval_ros.ground_truth.process import Process
+from trajeval_ros.ground_truth.regimes import Learned
 from trajeval_ros.ground_truth.segment import Segment
 
 Array = npt.NDArray[np.float64]
@@ -18,11 +19,12 @@ Array = npt.NDArray[np.float64]
 # The hyperparameters are learned when the closed segments that show motion cover so much time (ns)
 # for the first time, and again whenever they cover twice as much as then, four times, eight times.
 _FIRST = 8_000_000_000
-_LESSONS = 4
 # A robot that does not move teaches nothing; after so much of it (ns) that must do.
 _LATEST = 30_000_000_000
-# A segment moves when the spread of its coordinates exceeds the instrument's accuracy so much.
-_MOVING = 5.0
+# A segment moves when the spread of its coordinates exceeds the noise that is there so much: white
+# noise alone has a ratio of one, and of eight samples hardly ever more than this.
+_MOVING = 2.5
+_TURNING = 0.5
 # Learning costs the same at any rate and after any time: of each segment every k-th sample, so that
 # so many are left, and so many segments, evenly over the run.
 SAMPLES = 48
@@ -39,57 +41,105 @@ class Lessons:
         """``accuracy``: the instrument's, in translation (m) and rotation (rad)."""
         self._model = model
         self._accuracy = accuracy
-        self._moving: list[Segment] = []
-        self._still: list[Segment] = []
-        self._covered = 0
-        self._stood = 0
-        self._taken = 0
-        self._theta: tuple[Array | None, Array | None] = (None, None)
+        self._moving = _Reservoir()
+        self._still = _Reservoir()
+        self._due = _FIRST
+        self._changed = 0
+        self._patience = _FIRST
+        self._process: Process | None = None
+        self._taught_by_motion = False
 
-    def add(self, segment: Segment) -> Hyperparameters | None:
+    def add(self, segment: Segment) -> Process | None:
         """Take a closed segment; return what has been learned, if it was time to."""
-        if self._taken == _LESSONS:
-            return None
         duration = int(segment.samples.stamps[-1] - segment.samples.stamps[0])
-        if self._moves(segment):
-            self._moving.append(segment)
-            self._covered += duration
-        elif not self._taken:
-            self._still.append(segment)
-            self._stood += duration
-        due = self._covered >= _FIRST << self._taken
-        overdue = not self._taken and self._covered + self._stood >= _LATEST
-        return self.learn() if due or overdue else None
+        (self._moving if _moves(segment) else self._still).add(segment, duration)
+        if self._process is not None and segment.begun and _is_new(segment):
+            self._changed += duration
+        if self._process is None:
+            overdue = self._moving.covered + self._still.covered >= _LATEST
+            return self.learn() if self._moving.covered >= _FIRST or overdue else None
+        if self._changed >= self._patience:
+            self._patience *= 2
+            return self.learn()
+        return self.learn() if self._moving.covered >= self._due else None
 
-    def _moves(self, segment: Segment) -> bool:
-        spread = np.std(segment.coordinates, axis=0).reshape(2, 3).max(axis=1)
-        return bool((spread > _MOVING * np.array(self._accuracy)).any())
-
-    def learn(self, further: list[Segment] | None = None) -> Hyperparameters | None:
+    def learn(self, further: list[Segment] | None = None) -> Process | None:
         """Learn from the segments so far and ``further`` ones; None with too few samples."""
-        moving = self._moving + [s for s in further or [] if self._moves(s)]
-        segments = moving or self._still + (further or [])
-        segments = segments[:: max(1, -(-len(segments) // SEGMENTS))]
-        translation = self._learn_group(0, segments)
-        rotation = self._learn_group(1, segments)
+        moving = [*self._moving.segments, *(s for s in further or [] if _moves(s))]
+        still = [*self._still.segments, *(s for s in further or [] if not _moves(s))]
+        segments = [
+            *_thinned(moving, SEGMENTS),
+            *_thinned(still, SEGMENTS if not moving else SEGMENTS // 4),
+        ]
+        moves = bool(moving) or any(_turns(segment) for segment in still)
+        learned = [self._learn_group(group, segments, moves) for group in (0, 1)]
+        while self._due <= self._moving.covered:
+            self._due *= 2
+        self._changed = 0
+        translation, rotation = learned
         if translation is None or rotation is None:
             return None
-        # What a robot at rest has taught is no place to search near once it moves.
-        self._theta = (translation[1], rotation[1]) if moving else (None, None)
-        self._taken += 1
-        self._still = []
-        if self._taken == _LESSONS:
-            self._moving = []
-        return Hyperparameters(translation[0], rotation[0])
+        self._process = Process.of((translation, rotation))
+        self._taught_by_motion = moves
+        return self._process
 
-    def _learn_group(
-        self, group: int, segments: list[Segment]
-    ) -> tuple[GroupHyperparameters, Array] | None:
+    def _learn_group(self, group: int, segments: list[Segment], moving: bool) -> Learned | None:
         columns = slice(3 * group, 3 * group + 3)
         records = [_record(segment, columns) for segment in segments]
         accuracy = self._accuracy[group]
         soft_limit = max(_SOFT_LIMITS[group], 4.0 * accuracy)
-        return learning.learn(self._model, records, accuracy, soft_limit, self._theta[group])
+        before = None
+        if self._taught_by_motion and self._process is not None:
+            assert self._process.learned is not None
+            before = self._process.learned[group].theta
+        return learning.learn(self._model, records, accuracy, soft_limit, before, moving)
+
+
+class _Reservoir:
+    """Some of the segments added, evenly over the run."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.segments: list[Segment] = []
+        self.covered = 0
+        self._every = 1
+        self._added = 0
+
+    def add(self, segment: Segment, duration: int) -> None:
+        """Take one that covers ``duration`` (ns)."""
+        self.covered += duration
+        if self._added % self._every == 0:
+            self.segments.append(segment)
+            if len(self.segments) > 2 * SEGMENTS:
+                self.segments = self.segments[::2]
+                self._every *= 2
+        self._added += 1
+
+
+def _thinned(segments: list[Segment], count: int) -> list[Segment]:
+    return segments[:: max(1, -(-len(segments) // count))]
+
+
+def _moves(segment: Segment) -> bool:
+    """Whether the coordinates' spread exceeds what neighbouring samples differ by."""
+    if len(segment) < 3:
+        return False
+    x = segment.coordinates
+    spread = x.std(axis=0).reshape(2, 3).max(axis=1)
+    noise = np.sqrt(0.5 * np.mean(np.diff(x, axis=0) ** 2, axis=0)).reshape(2, 3).max(axis=1)
+    return bool((spread > _MOVING * noise).any())
+
+
+def _turns(segment: Segment) -> bool:
+    """Whether it turns by more than any noise does, however few its samples are."""
+    return bool(np.abs(segment.coordinates[:, 3:]).max() > _TURNING)
+
+
+def _is_new(segment: Segment) -> bool:
+    """Whether its samples were in a regime that its process was not learned from."""
+    epoch = segment.epochs[-1]
+    learned = epoch.process.learned or ()
+    return any(each.is_new(regime) for each, regime in zip(learned, epoch.regimes, strict=True))
 
 
 def _record(segment: Segment, columns: slice) -> Record:

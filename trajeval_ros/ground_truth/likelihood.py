@@ -113,6 +113,10 @@ class Fit:
             correlation *= signal**2
             slope *= signal**2
             self._parts.append((correlation, slope))
+        self.values = np.full(len(data.counts), -math.inf)
+        """Each record's; (m,)."""
+        self.fits = np.full(len(data.counts), math.inf)
+        """Each record's mean square, standardised: one when the process fits; (m,)."""
         self.value = self._factored()
 
     def _factored(self) -> float:
@@ -141,16 +145,18 @@ class Fit:
         nu = DEGREES_OF_FREEDOM
         squares = (x * self._alpha).sum(axis=(1, 2))
         self._spread = nu + squares
-        value = 0.0
-        for d, square, log_det in zip(data.freedom, squares, log_dets, strict=True):
-            value += (
+        self.fits = squares / np.maximum(data.freedom, 1)
+        self.values = np.array(
+            [
                 math.lgamma(0.5 * (nu + d))
                 - math.lgamma(0.5 * nu)
                 - 0.5 * d * math.log(nu * math.pi)
                 - 0.5 * data.coordinates * log_det
                 - 0.5 * (nu + d) * math.log1p(square / nu)
-            )
-        return float(value)
+                for d, square, log_det in zip(data.freedom, squares, log_dets, strict=True)
+            ]
+        )
+        return math.fsum(self.values)
 
     @cached_property
     def _inverses(self) -> Array:

@@ -77,6 +77,10 @@ class Model(Protocol):
         """Return where the search may begin."""
         ...
 
+    def common(self, grid: Grid) -> Array:
+        """Return what motion is like that is not known yet."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class OneKernel:
@@ -104,6 +108,11 @@ class OneKernel:
             (math.log(0.5 * grid.interval), math.log(_LONGEST)),
             (math.log(grid.least_noise), math.log(grid.spread)),
         ]
+
+    def common(self, grid: Grid) -> Array:
+        """As motion in common is, over a second and more."""
+        length = max(1.0, 2.0 * grid.interval)
+        return np.log([0.3, length, grid.least_noise])
 
     def starts(self, grid: Grid) -> list[Array]:
         """Fast or slow motion, clean or noisy samples."""
@@ -211,6 +220,11 @@ class MotionAndNoise:
         highest = max(grid.spread, 10.0 * grid.least_noise)
         noise = (math.log(grid.least_noise), math.log(highest))
         return [signal, length] * len(self.motions) + [noise]
+
+    def common(self, grid: Grid) -> Array:
+        """As motion in common is, over a second and more."""
+        length = max(1.2, 2.0 * grid.interval)
+        return np.log([0.1, length, 0.3, length, 0.02, length, grid.least_noise])
 
     def starts(self, grid: Grid) -> list[Array]:
         """Fast or slow smooth motion, fast or slow rougher motion, clean or noisy samples."""

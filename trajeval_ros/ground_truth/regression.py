@@ -96,6 +96,18 @@ class Regression:
         sums = self._sums[:, counts - 1]
         return np.asarray(sums[..., -1] - (sums[..., 1:-1] ** 2).sum(axis=-1) / sums[..., 0]).T
 
+    def innovations(self, first: int) -> tuple[Array, Array]:
+        """Return what samples from row ``first`` >= 1 on add to ``Σ q`` and ``log|K| + log A``.
+
+        (G, n - first) both. The first is the square of what the sample is beyond its prediction
+        from those before it, in standard deviations, over the group's coordinates; half of the
+        second, the logarithm of the standard deviation of one.
+        """
+        squares = self.squares(np.arange(first, self.count + 1)).T
+        information = np.log(self._sums[:, first - 1 :, 0])
+        pivots = 2.0 * np.log(self._factor.pivots[:, first : self.count])
+        return np.diff(squares), pivots + np.diff(information)
+
     def cross_variances(self, times: Array, known: int, counts: Counts) -> list[Array]:
         """Return the posterior covariances over ``s²`` of each time with all those before it.
 

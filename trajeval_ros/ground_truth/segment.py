@@ -11,13 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.hyperparameters import (
-    LEAST_SCALE,
-    GroupHyperparameters,
-    Hyperparameters,
-)
-from trajeval_ros.ground_truth.kernels import Kernel
-from trajeval_ros.ground_truth.regression import Regression, scale
+from trajeval_ros.ground_truth.adaptation import Adaptation, Epoch, Values
+from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -55,39 +50,6 @@ class Samples:
             np.concatenate([self.stamps, later.stamps]),
             np.concatenate([self.poses, later.poses]),
             covariances,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Process:
-    """The Gaussian process of a segment: a sum of kernels and its hyperparameters.
-
-    ``accuracy``: the instrument's, in translation (m) and rotation (rad); a segment's scale does
-    not bring the noise below it.
-    """
-
-    kernels: tuple[Kernel, ...]
-    hyperparameters: Hyperparameters
-    accuracy: tuple[float, float]
-
-    @property
-    def groups(self) -> tuple[GroupHyperparameters, GroupHyperparameters]:
-        """The hyperparameters of translation and rotation."""
-        return self.hyperparameters.translation, self.hyperparameters.rotation
-
-    @property
-    def variances(self) -> tuple[Array, Array]:
-        """``k(t, t)`` and the noise's standard deviation of each coordinate; (6,)."""
-        signal = [sum(c.std**2 for c in group.components) for group in self.groups]
-        return np.repeat(signal, 3), np.repeat([group.noise_std for group in self.groups], 3)
-
-    @property
-    def least_scales(self) -> tuple[float, ...]:
-        """The least ``s²`` of translation and rotation."""
-        noises = (group.noise_std for group in self.groups)
-        return tuple(
-            max(LEAST_SCALE, min((floor / noise) ** 2, 1.0))
-            for floor, noise in zip(self.accuracy, noises, strict=True)
         )
 
 
@@ -159,7 +121,7 @@ class Segment:
     in which every roughness of the rotation becomes one of the translation (``docs/method.md``).
 
     It grows until it is closed, and does not change any more afterwards. The factorisation is made
-    when it is first asked for, with the hyperparameters of that call, and kept.
+    when its process is known, and kept.
     """
 
     def __init__(self, samples: Samples) -> None:
@@ -168,7 +130,7 @@ class Segment:
         # Of the first samples, as far as they were asked for.
         self._coordinates = np.empty((0, 6))
         self._variances = np.empty((0, 6))
-        self._regression: Regression | None = None
+        self._adaptation: Adaptation | None = None
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -243,38 +205,69 @@ class Segment:
         if coordinates is not None:
             self._coordinates = np.concatenate([self._coordinates, coordinates])
 
-    def _conditioned(self, process: Process, count: int) -> Regression:
-        """The regression, conditioned on at least ``count`` samples.
+    @property
+    def values(self) -> Values:
+        """The samples as a regression takes them.
 
         Its groups are translation and rotation, or each coordinate where each sample has its own
         variances.
         """
-        width = 3 if self._samples.covariances is None else 1
-        groups = tuple(group for group in process.groups for _ in range(0, 3, width))
-        if self._regression is None:
-            self._regression = Regression(process.kernels, groups, width)
-        if self._regression.count < count:
-            noise = np.tile([group.noise_std**2 for group in groups], (len(self), 1))
-            variances = self.variances
-            if variances is not None:
-                noise = noise + variances
-            values = self.coordinates.reshape(len(self), len(groups), width)
-            self._regression.extend(self.times, values, noise)
-        return self._regression
+        variances = self.variances
+        size = 2 if variances is None else 6
+        values = self.coordinates.reshape(len(self), size, -1)
+        if variances is None:
+            variances = np.zeros((len(self), size))
+        return Values(self.times, values, variances)
 
-    def posterior(self, process: Process, stamps: Stamps, until: Stamps) -> LocalAnswer:
+    @property
+    def begun(self) -> bool:
+        """Whether its process is known."""
+        return self._adaptation is not None
+
+    def begin(self, process: Process, regimes: Regimes = AS_LEARNED) -> None:
+        """Let ``process`` be the segment's, at first in ``regimes``."""
+        self._adaptation = Adaptation(process, regimes)
+
+    def advance(self) -> None:
+        """Condition on all samples so far."""
+        if self._known.count < len(self):
+            self._known.extend(self.values)
+
+    @property
+    def _known(self) -> Adaptation:
+        if self._adaptation is None:
+            raise ValueError("the segment's process is not known yet")
+        return self._adaptation
+
+    @property
+    def epochs(self) -> list[Epoch]:
+        """The stretches that `advance` has seen."""
+        return self._known.epochs
+
+    def regimes(self, process: Process, until: int) -> Regimes:
+        """The regimes that a segment with ``process`` begins in after the samples up to ``until``.
+
+        They are those this segment is in; under another process, those that predict its samples
+        best.
+        """
+        known, count = self._known, int(self.counts(np.array([until]))[0])
+        return known.regimes(process, self.values[:count])
+
+    def counts(self, until: Stamps) -> Counts:
+        """Number of samples stamped up to each of ``until`` (q,)."""
+        return np.searchsorted(self._samples.stamps, until, side="right")
+
+    def posterior(self, epoch: Epoch, stamps: Stamps, until: Stamps) -> LocalAnswer:
         """Return the coordinates at ``stamps`` (q,), given the samples up to ``until`` (q,)."""
-        counts = np.searchsorted(self._samples.stamps, until, side="right")
-        regression = self._conditioned(process, int(counts.max(initial=0)))
-        mean, variances = regression.posterior(self._seconds(stamps), counts)
-        squares = regression.squares(counts).reshape(len(stamps), 2, -1).sum(axis=-1)
-        factor = np.repeat(scale(squares, counts[:, None], 3, process.least_scales), 3, axis=1)
+        counts = self.counts(until)
+        mean, variances = epoch.regression.posterior(self._seconds(stamps), counts)
+        factor = np.repeat(epoch.scale(counts), 3, axis=1)
         variances = factor * np.repeat(variances, mean.shape[2], axis=1)
         reference = self._samples.poses[0]
         return LocalAnswer(reference, mean.reshape(-1, 6), variances, np.sqrt(factor))
 
     def cross_variances(
-        self, process: Process, stamps: Stamps, known: int, until: Stamps
+        self, epoch: Epoch, stamps: Stamps, known: int, until: Stamps
     ) -> list[Array]:
         """Return each query's covariances over ``s²`` with all the queries before it.
 
@@ -282,9 +275,8 @@ class Segment:
         decreasing. Each (k + i, 6), i = 0 ... q - 1, by local coordinate, given the later query's
         samples.
         """
-        counts = np.searchsorted(self._samples.stamps, until, side="right")
-        regression = self._conditioned(process, int(counts.max(initial=0)))
-        rows = regression.cross_variances(self._seconds(stamps), known, counts)
+        counts = self.counts(until)
+        rows = epoch.regression.cross_variances(self._seconds(stamps), known, counts)
         return [np.repeat(row, 6 // row.shape[1], axis=1) for row in rows]
 
 

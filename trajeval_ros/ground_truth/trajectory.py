@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,9 @@ from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lessons
 from trajeval_ros.ground_truth.models import MODELS
-from trajeval_ros.ground_truth.segment import Answer, Process, Samples, in_world
-from trajeval_ros.ground_truth.segmentation import Segmentation, SegmentShape
+from trajeval_ros.ground_truth.process import AS_LEARNED, Process
+from trajeval_ros.ground_truth.segment import Answer, Samples, Segment, in_world
+from trajeval_ros.ground_truth.segmentation import Blended, Segmentation, SegmentShape
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -32,13 +34,14 @@ _GAP_INTERVALS = 64
 class Settings:
     """The fixed choices.
 
-    ``kernel``: the name of a model; ``hyperparameters`` None: they are learned, and
+    ``kernel``: the name of a model; ``hyperparameters``: those of every segment, or a process that
+    was learned before, to which each segment adapts; None: they are learned, and
     ``translation_std`` (m) and ``rotation_std`` (rad), the instrument's accuracy, add to the noise.
     ``joint``: the answers tell the covariance of the errors at different times, too.
     """
 
     kernel: str
-    hyperparameters: Hyperparameters | None
+    hyperparameters: Hyperparameters | Process | None
     translation_std: float
     rotation_std: float
     shape: SegmentShape
@@ -70,7 +73,6 @@ class GroundTruth:
     def __init__(self, settings: Settings) -> None:
         """Start without samples."""
         model = MODELS[settings.kernel]
-        self._kernels = model.kernels
         self._accuracy = (settings.translation_std, settings.rotation_std)
         self._segmentation = Segmentation(settings.shape)
         self._lessons: Lessons | None = None
@@ -78,7 +80,10 @@ class GroundTruth:
         if settings.hyperparameters is None:
             self._lessons = Lessons(model, self._accuracy)
         else:
-            self._use(settings.hyperparameters)
+            given = settings.hyperparameters
+            if isinstance(given, Hyperparameters):
+                given = Process(model.kernels, given, self._accuracy)
+            self._use(given)
         self._stamps = np.empty(0, dtype=np.int64)
         self._begin: int | None = None
         self._joint = JointCovariance() if settings.joint else None
@@ -107,6 +112,7 @@ class GroundTruth:
         """Add samples, each later than all before."""
         self._stamps = np.concatenate([self._stamps, samples.stamps])
         for closed in self._segmentation.append(samples):
+            self._advance()
             if self._lessons is not None:
                 learned = self._lessons.add(closed)
                 if learned is not None:
@@ -119,15 +125,30 @@ class GroundTruth:
             if learned is not None:
                 self._use(learned)
 
-    def _use(self, hyperparameters: Hyperparameters) -> None:
-        """Take ``hyperparameters`` for the segments to come; the first ones for all."""
+    def _use(self, process: Process) -> None:
+        """Take ``process`` for the segments to come; the first one for all."""
         first = self._segmentation.opened if self._processes else 0
-        process = Process(self._kernels, hyperparameters, self._accuracy)
         self._processes.append((first, process))
 
     def _process(self, index: int) -> Process:
         """The process of a segment, by its index."""
         return next(p for first, p in reversed(self._processes) if first <= index)
+
+    def _advance(self) -> None:
+        """Condition every segment on its samples; a new one goes on where the one before is."""
+        if not self._processes:
+            return
+        before: Segment | None = None
+        for blended in self._segmentation:
+            segment = blended.segment
+            if not segment.begun:
+                process = self._process(blended.index)
+                regimes = AS_LEARNED
+                if before is not None and blended.incoming is not None:
+                    regimes = before.regimes(process, blended.incoming.begin)
+                segment.begin(process, regimes)
+            segment.advance()
+            before = segment
 
     def posterior(self, stamps: Stamps, until: Stamps) -> Posterior:
         """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,).
@@ -138,14 +159,10 @@ class GroundTruth:
         """
         if not self._processes:
             raise ValueError("the hyperparameters are not known yet")
-        parts = []
-        for blended in self._segmentation:
-            asked, share = blended.shares(stamps)
-            if len(asked):
-                process = self._process(blended.index)
-                parts.append(Part(blended.index, blended.segment, process, asked, share))
+        self._advance()
+        parts = [part for blended in self._segmentation for part in _parts(blended, stamps, until)]
         answers = in_world(
-            [p.segment.posterior(p.process, stamps[p.asked], until[p.asked]) for p in parts]
+            [p.segment.posterior(p.epoch, stamps[p.asked], until[p.asked]) for p in parts]
         )
         poses, covariances = _blend(len(stamps), parts, answers)
         cross = None
@@ -171,11 +188,27 @@ class GroundTruth:
         """Drop what no query at ``before`` (ns) or later needs."""
         if not self._processes:
             return
+        self._advance()
         self._begin = before if self._begin is None else max(before, self._begin)
         self._segmentation.forget(before)
         keep = int(np.searchsorted(self._stamps, before, side="right")) - 2 - _GAP_INTERVALS
         keep = max(keep, 0)
         self._stamps = self._stamps[keep:]
+
+
+def _parts(blended: Blended, stamps: Stamps, until: Stamps) -> Iterator[Part]:
+    """What a segment's epochs answer of the queries at ``stamps`` (q,)."""
+    asked, share = blended.shares(stamps)
+    if not len(asked):
+        return
+    segment = blended.segment
+    counts = segment.counts(until[asked])
+    firsts = np.array([epoch.first for epoch in segment.epochs])
+    numbers = np.searchsorted(firsts, np.maximum(counts, 1), side="right") - 1
+    for number in np.unique(numbers).tolist():
+        here = numbers == number
+        index = (blended.index, number)
+        yield Part(index, segment, segment.epochs[number], asked[here], share[here])
 
 
 def _blend(count: int, parts: list[Part], answers: Answer) -> tuple[Array, Array]:

@@ -1,0 +1,297 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A segment's process is held to its samples, and changed from the sample on that refutes it.
+
+With ``e_k²`` the square of a sample's standardised innovation over the c coordinates of a group,
+χ² of c degrees of freedom when the process fits, two sums look for a change of its variance by a
+factor r, as Page's test does,
+
+    S_k = max(0, S_(k-1) + ½ (e_k² (1 - 1/r) - c log r)),
+
+r = 4 for a process that promises too much and r = ¼ for one that promises too little. Where one
+exceeds its threshold at a sample, the regimes near by are compared by how well each predicts the
+samples since that sum was zero, ``-½ Σ (e_k² + c log d_k²)`` plus the prior, and the best is taken
+from that sample on (``docs/method.md``, Ground truth), a function of the samples up to there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
+from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
+from trajeval_ros.ground_truth.regression import Regression, scale
+
+Array = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
+_Any = TypeVar("_Any")
+
+# Ratio of variances looked for and threshold (nats): of a process that promises too much, and of
+# one that promises too little, which does no harm for a while.
+_TESTS = ((4.0, 10.0), (0.25, 20.0))
+# A regime must predict its samples better than the one before it by so much (nats).
+_LEAST_GAIN = 3.0
+# Where the variance of a prediction is less than so many times the instrument's, that rules it.
+_TELLING = 4.0
+# Predicted are the newest samples, so many at most, from so many before them.
+_MOST_SAMPLES = 64
+_CONTEXT = 24
+# By so many powers of two a regime is moved, at most at a time, and as many times in a search.
+_ROUNDS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """A segment's samples as a regression takes them.
+
+    ``times`` (n,) s; ``values`` (n, G, c), G = 2 or, where each coordinate has variances of its
+    own, 6; ``variances`` (n, G), which add to the noise.
+    """
+
+    times: Array
+    values: Array
+    variances: Array
+
+    def of(self, group: int) -> Values:
+        """Those of translation (0) or rotation (1), as groups of their own."""
+        size = self.values.shape[1] // 2
+        here = slice(group * size, (group + 1) * size)
+        return Values(self.times, self.values[:, here], self.variances[:, here])
+
+    def __getitem__(self, index: slice) -> Values:
+        """Return consecutive samples."""
+        return Values(self.times[index], self.values[index], self.variances[index])
+
+
+def conditioned(learned: Learned, regimes: Iterable[Regime], values: Values) -> Regression:
+    """One group's regression under each regime, side by side: (len(regimes) G', c)."""
+    candidates = [learned.under(regime) for regime in regimes]
+    parallel = values.values.shape[1]
+    groups = tuple(group for group in candidates for _ in range(parallel))
+    noise = np.array([group.noise_std**2 for group in groups])
+    regression = Regression(learned.model.kernels, groups, values.values.shape[2])
+    regression.extend(
+        values.times,
+        np.tile(values.values, (1, len(candidates), 1)),
+        np.tile(values.variances, (1, len(candidates))) + noise,
+    )
+    return regression
+
+
+def best_regime(
+    learned: Learned, start: Regime, values: Values, since: int, ratio: float = 1.0
+) -> Regime:
+    """The regime, of those that can be reached from ``start``, that predicts the samples best.
+
+    ``values`` of one group; the samples from row ``since`` >= 1 on are to be predicted, which under
+    ``start`` have a standardised mean square of ``ratio``.
+    """
+    coordinates = values.values.shape[2]
+    known: dict[Regime, float] = {}
+
+    def look_at(regimes: Iterable[Regime]) -> None:
+        missing = sorted(set(regimes) - set(known))
+        if not missing:
+            return
+        squares, log_dets = conditioned(learned, missing, values).innovations(since)
+        each = (squares + coordinates * log_dets).sum(axis=1).reshape(len(missing), -1)
+        for regime, cost in zip(missing, each.sum(axis=1), strict=True):
+            known[regime] = float(-0.5 * cost) + regime.log_prior
+
+    leap = round(0.5 * math.log2(max(ratio, 1e-12)))
+    near = (leap, leap - 1, leap - 2) if leap > 0 else (leap, leap + 1)
+    moves = [(m, 0) for m in near] + [(0, n) for n in near[:2]] + [(0, 0)]
+    look_at([*(start.moved(m, n) for m, n in moves), Regime(0, start.noise), USUAL])
+    for _ in range(_ROUNDS):
+        best, looked_at = max(known, key=lambda regime: (known[regime], regime)), len(known)
+        look_at(best.moved(m, n) for m, n in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)))
+        if len(known) == looked_at:
+            break
+    best = max(known, key=lambda regime: (known[regime], regime))
+    return best if known[best] > known[start] + _LEAST_GAIN else start
+
+
+class Watch:
+    """Page's two sums of one group, sample by sample."""
+
+    def __init__(self, coordinates: int, row: int = 1) -> None:
+        """``coordinates``: of the group, all together; rows from ``row`` on are looked at."""
+        self._coordinates = coordinates
+        self._patience = 0.5
+        self.restart(row)
+
+    def restart(self, row: int) -> None:
+        """The rows before ``row`` were looked into; more is needed the next time."""
+        self._patience *= 2.0
+        self._sums = [0.0 for _ in _TESTS]
+        self._since = [row for _ in _TESTS]
+        self._looked = row
+
+    def look(self, squares: Array, telling: Mask) -> tuple[int, int] | None:
+        """Look at ``e²`` (n,) of rows 1 to n, those not looked at yet.
+
+        A small one tells of a process that promises too little where ``telling`` (n,): elsewhere
+        the instrument's accuracy, which the samples need not show, explains it.
+
+        Return the first row at which a threshold is exceeded and the one since which it was
+        approached, and look at all again the next time; or None.
+        """
+        squares, telling = squares[self._looked - 1 :], telling[self._looked - 1 :]
+        found: tuple[int, int] | None = None
+        ahead = []
+        for (ratio, threshold), total, since in zip(_TESTS, self._sums, self._since, strict=True):
+            terms = 0.5 * (squares * (1.0 - 1.0 / ratio) - self._coordinates * math.log(ratio))
+            if ratio < 1.0:
+                terms *= telling
+            walk = np.cumsum(np.concatenate([[total], terms]))
+            lowest = np.minimum.accumulate(np.minimum(walk, 0.0))
+            sums, zero = walk - lowest, np.flatnonzero(walk <= lowest)
+            exceeded = np.flatnonzero(sums > self._patience * threshold)
+            if len(exceeded) and (found is None or self._looked + exceeded[0] - 1 < found[0]):
+                before = zero[zero < exceeded[0]]
+                begin = self._looked + int(before[-1]) if len(before) else since
+                found = self._looked + int(exceeded[0]) - 1, begin
+            ahead.append((float(sums[-1]), self._looked + int(zero[-1]) if len(zero) else since))
+        if found is None:
+            self._sums = [total for total, _ in ahead]
+            self._since = [since for _, since in ahead]
+            self._looked += len(squares)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """A stretch of a segment with one process.
+
+    It answers queries that know at least ``first`` samples. The regimes of translation and rotation
+    were chosen for the samples from the rows ``since`` on.
+    """
+
+    first: int
+    since: tuple[int, int]
+    regimes: Regimes
+    process: Process
+    regression: Regression
+    noise: Array
+
+    def scale(self, counts: Counts) -> Array:
+        """``s²`` of translation and rotation, given the first ``counts`` (q,) samples; (q, 2)."""
+        squares = self.regression.squares(counts) - self._base
+        squares = squares.reshape(len(counts), 2, -1).sum(axis=-1)
+        since = np.array(self.since) - 1
+        return scale(squares, counts[:, None] - since, 3, self.process.least_scales)
+
+    @property
+    def _base(self) -> Array:
+        """``Σ q`` before ``since``; (G,)."""
+        size = len(self.noise) // 2
+        rows = np.repeat(self.since, size)
+        return self.regression.squares(rows)[np.arange(2 * size), np.arange(2 * size)]
+
+
+class Adaptation:
+    """The epochs of a segment, oldest first; the owner of their regressions."""
+
+    def __init__(self, process: Process, regimes: Regimes) -> None:
+        """Begin with ``regimes``, which the samples before the segment were in."""
+        self._process = process
+        self._regimes = regimes
+        self._watches = (Watch(3), Watch(3))
+        self.epochs: list[Epoch] = []
+
+    @property
+    def count(self) -> int:
+        """Number of samples conditioned on."""
+        return self.epochs[-1].regression.count if self.epochs else 0
+
+    def at(self, count: int) -> Epoch:
+        """The epoch that answers with the first ``count`` samples."""
+        return next(e for e in reversed(self.epochs) if e.first <= max(count, 1))
+
+    def regimes(self, process: Process, values: Values) -> Regimes:
+        """The regimes after the samples ``values``; under another process, the best for these."""
+        epoch = self.at(len(values.times))
+        if process.learned is None or process.learned == self._process.learned:
+            return epoch.regimes
+        if len(values.times) < 3:
+            return AS_LEARNED
+        translation, rotation = (
+            best_regime(learned, USUAL, values.of(group), min(since, len(values.times) - 1))
+            for group, (learned, since) in enumerate(zip(process.learned, epoch.since, strict=True))
+        )
+        return translation, rotation
+
+    def extend(self, values: Values) -> None:
+        """Take all samples so far, those known already first."""
+        if not self.epochs:
+            self._begin(1, (1, 1), self._regimes, values)
+        else:
+            self._condition(values)
+        learned = self._process.learned
+        while learned is not None:
+            refuted = self._refuted()
+            if refuted is None:
+                return
+            row, since, group, ratio = refuted
+            epoch = self.epochs[-1]
+            first = max(since, row + 1 - _MOST_SAMPLES)
+            seen = values[max(first - _CONTEXT, 0) : row + 1].of(group)
+            rows = first - max(first - _CONTEXT, 0)
+            regime = best_regime(learned[group], epoch.regimes[group], seen, rows, ratio)
+            self._watches[group].restart(row + 1)
+            if regime != epoch.regimes[group]:
+                self._begin(
+                    row + 1,
+                    _replaced(epoch.since, group, since),
+                    _replaced(epoch.regimes, group, regime),
+                    values,
+                )
+
+    def _begin(self, first: int, since: tuple[int, int], regimes: Regimes, values: Values) -> None:
+        """Begin an epoch."""
+        process = self._process.under(regimes)
+        size, width = values.values.shape[1] // 2, values.values.shape[2]
+        groups = tuple(group for group in process.groups for _ in range(size))
+        regression = Regression(process.kernels, groups, width)
+        noise = np.array([group.noise_std**2 for group in groups])
+        self.epochs.append(Epoch(first, since, regimes, process, regression, noise))
+        self._condition(values)
+
+    def _condition(self, values: Values) -> None:
+        """Condition the newest epoch on all samples; the others know what they need."""
+        epoch = self.epochs[-1]
+        epoch.regression.extend(values.times, values.values, values.variances + epoch.noise)
+
+    def _refuted(self) -> tuple[int, int, int, float] | None:
+        """The first row that refutes the newest epoch, the one since which, and the group.
+
+        And the standardised mean square of the rows between.
+        """
+        regression = self.epochs[-1].regression
+        if regression.count < 2:
+            return None
+        shape = (2, -1, regression.count - 1)
+        squares, log_dets = (each.reshape(shape) for each in regression.innovations(1))
+        accuracy = np.array(self._process.accuracy)[:, None, None]
+        telling = np.asarray((np.exp(log_dets) > _TELLING * accuracy**2).all(axis=1))
+        squares = squares.sum(axis=1)
+        found = [
+            (*raised, group)
+            for group, watch in enumerate(self._watches)
+            if (raised := watch.look(squares[group], telling[group])) is not None
+        ]
+        if not found:
+            return None
+        row, since, group = min(found)
+        return row, since, group, float(squares[group, since - 1 : row].mean()) / 3.0
+
+
+def _replaced(pair: tuple[_Any, _Any], index: int, value: _Any) -> tuple[_Any, _Any]:
+    return (value, pair[1]) if index == 0 else (pair[0], value)

@@ -1,0 +1,73 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Gaussian process of the ground truth's segments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.ground_truth.hyperparameters import (
+    LEAST_SCALE,
+    GroupHyperparameters,
+    Hyperparameters,
+)
+from trajeval_ros.ground_truth.kernels import Kernel
+from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
+
+Array = npt.NDArray[np.float64]
+Regimes = tuple[Regime, Regime]
+
+AS_LEARNED: Regimes = (USUAL, USUAL)
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """A sum of kernels and its hyperparameters.
+
+    ``accuracy``: the instrument's, in translation (m) and rotation (rad); a segment's scale does
+    not bring the noise below it. ``learned``: what the hyperparameters come from, of translation
+    and rotation; None where they are given, and no segment's samples change them.
+    """
+
+    kernels: tuple[Kernel, ...]
+    hyperparameters: Hyperparameters
+    accuracy: tuple[float, float]
+    learned: tuple[Learned, Learned] | None = None
+
+    @staticmethod
+    def of(learned: tuple[Learned, Learned]) -> Process:
+        """The process that was learned."""
+        translation, rotation = learned
+        hyperparameters = Hyperparameters(translation.under(USUAL), rotation.under(USUAL))
+        accuracy = (translation.accuracy, rotation.accuracy)
+        return Process(translation.model.kernels, hyperparameters, accuracy, learned)
+
+    def under(self, regimes: Regimes) -> Process:
+        """The process of a stretch in other regimes."""
+        if self.learned is None or regimes == AS_LEARNED:
+            return self
+        groups = (each.under(regime) for each, regime in zip(self.learned, regimes, strict=True))
+        return Process(self.kernels, Hyperparameters(*groups), self.accuracy, self.learned)
+
+    @property
+    def groups(self) -> tuple[GroupHyperparameters, GroupHyperparameters]:
+        """The hyperparameters of translation and rotation."""
+        return self.hyperparameters.translation, self.hyperparameters.rotation
+
+    @property
+    def variances(self) -> tuple[Array, Array]:
+        """``k(t, t)`` and the noise's standard deviation of each coordinate; (6,)."""
+        signal = [sum(c.std**2 for c in group.components) for group in self.groups]
+        return np.repeat(signal, 3), np.repeat([group.noise_std for group in self.groups], 3)
+
+    @property
+    def least_scales(self) -> tuple[float, ...]:
+        """The least ``s²`` of translation and rotation."""
+        noises = (group.noise_std for group in self.groups)
+        return tuple(
+            max(LEAST_SCALE, min((floor / noise) ** 2, 1.0))
+            for floor, noise in zip(self.accuracy, noises, strict=True)
+        )

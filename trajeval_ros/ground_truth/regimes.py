@@ -1,0 +1,102 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What was learned of a recording, and how a stretch of it may differ.
+
+A robot stands, drives, stops at a light and drives on. What is learned is the *shape* of the motion
+and the noise: its length scales and how its parts compare. How lively the motion is and how large
+the noise, a stretch's *regime*, are for its own samples to say.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.ground_truth.hyperparameters import (
+    LEAST_NOISE,
+    Component,
+    GroupHyperparameters,
+)
+from trajeval_ros.ground_truth.models import Grid, Model
+
+Array = npt.NDArray[np.float64]
+
+# Natural logarithms of two standard deviations' ratio. That the motion changes by a multiple is
+# common; that the noise does is not, and larger noise smooths motion away: it takes more evidence.
+_MOTION_STD = 3.0
+_NOISE_STD = 0.35
+_MOST = 40
+# Of two regimes with motions less than so many powers of two apart one tells enough of the other.
+_ALIKE = 3
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Regime:
+    """Motion ``2**motion`` times as lively as learned, noise ``2**noise`` times as large."""
+
+    motion: int = 0
+    noise: int = 0
+
+    def moved(self, motion: int, noise: int) -> Regime:
+        """So many powers of two further."""
+        return Regime(
+            min(max(self.motion + motion, -_MOST), _MOST),
+            min(max(self.noise + noise, -_MOST), _MOST),
+        )
+
+    @property
+    def log_prior(self) -> float:
+        """How probable it is beside the learned one, nats."""
+        motion, noise = math.log(2.0) * self.motion, math.log(2.0) * self.noise
+        return -0.5 * ((motion / _MOTION_STD) ** 2 + (noise / _NOISE_STD) ** 2)
+
+    def of(self, theta: Array) -> Array:
+        """θ (p,) of a :class:`Model` in this regime: every log σ and log n moved."""
+        moved = theta.copy()
+        moved[:-1:2] += math.log(2.0) * self.motion
+        moved[-1] += math.log(2.0) * self.noise
+        return moved
+
+
+USUAL = Regime()
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What one group's samples have taught: θ of ``model`` on ``grid``.
+
+    ``accuracy``: the instrument's, in the group's unit, which adds to the noise; ``seen``: the
+    regimes of the stretches that it was learned from.
+    """
+
+    model: Model
+    grid: Grid
+    theta: Array
+    accuracy: float
+    seen: frozenset[Regime] = frozenset({USUAL})
+
+    def is_new(self, regime: Regime) -> bool:
+        """Whether nothing like it was seen."""
+        return all(
+            abs(regime.motion - known.motion) > _ALIKE or abs(regime.noise - known.noise) > 1
+            for known in {USUAL, *self.seen}
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both stand for the same process."""
+        if not isinstance(other, Learned):
+            return NotImplemented
+        return self.under(USUAL) == other.under(USUAL)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def under(self, regime: Regime) -> GroupHyperparameters:
+        """The hyperparameters of a stretch in ``regime``."""
+        natural = self.model.natural(regime.of(self.theta), self.grid)[0]
+        *pairs, noise = (float(v) for v in np.exp(natural))
+        components = tuple(map(Component, pairs[::2], pairs[1::2]))
+        noise = max(math.hypot(noise, self.accuracy), LEAST_NOISE * max(pairs[::2]))
+        return GroupHyperparameters(components, noise)
