@@ -43,6 +43,7 @@ _TELLING = 4.0
 # Predicted are the newest samples, so many at most, from so many before them.
 _MOST_SAMPLES = 64
 _CONTEXT = 24
+_FEW = 24
 # By so many powers of two a regime is moved, at most at a time, and as many times in a search.
 _ROUNDS = 6
 
@@ -94,10 +95,13 @@ def best_regime(
     ``start`` have a standardised mean square of ``ratio``.
     """
     coordinates = values.values.shape[2]
+    # Larger noise smooths motion away, and a few samples do not tell the two apart.
+    few = len(values.times) - since < _FEW
+    noisiest = max(start.noise, 0) + (1 if few else _MOST_SAMPLES)
     known: dict[Regime, float] = {}
 
     def look_at(regimes: Iterable[Regime]) -> None:
-        missing = sorted(set(regimes) - set(known))
+        missing = sorted({r for r in regimes if r.noise <= noisiest} - set(known))
         if not missing:
             return
         squares, log_dets = conditioned(learned, missing, values).innovations(since)
@@ -222,10 +226,14 @@ class Adaptation:
             return epoch.regimes
         if len(values.times) < 3:
             return AS_LEARNED
-        translation, rotation = (
-            best_regime(learned, USUAL, values.of(group), min(since, len(values.times) - 1))
-            for group, (learned, since) in enumerate(zip(process.learned, epoch.since, strict=True))
-        )
+        last = len(values.times) - 1
+        found = []
+        for group, (learned, since) in enumerate(zip(process.learned, epoch.since, strict=True)):
+            seen, first = values.of(group), min(since, last)
+            squares, _ = conditioned(learned, [USUAL], seen).innovations(first)
+            ratio = float(squares.mean()) / seen.values.shape[2]
+            found.append(best_regime(learned, USUAL, seen, first, ratio))
+        translation, rotation = found
         return translation, rotation
 
     def extend(self, values: Values) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.faults import Faults
+from trajeval_ros.ground_truth.fit import Fit, Fits
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lessons
@@ -70,8 +72,9 @@ class Posterior:
 class GroundTruth:
     """Overlapping Gaussian-process segments (``docs/method.md``, Ground truth)."""
 
-    def __init__(self, settings: Settings) -> None:
-        """Start without samples."""
+    def __init__(self, settings: Settings, faults: Faults | None = None) -> None:
+        """Start without samples; ``faults``: where those of the segments are noted."""
+        self._fits = Fits(Faults() if faults is None else faults)
         model = MODELS[settings.kernel]
         self._accuracy = (settings.translation_std, settings.rotation_std)
         self._segmentation = Segmentation(settings.shape)
@@ -99,6 +102,11 @@ class GroundTruth:
         return self._processes[-1][1].hyperparameters if self._processes else None
 
     @property
+    def fit(self) -> Fit | None:
+        """How the process fits, None before it is known."""
+        return self._fits.fit
+
+    @property
     def segments(self) -> int:
         """Number of segments opened so far."""
         return self._segmentation.opened
@@ -113,6 +121,8 @@ class GroundTruth:
         self._stamps = np.concatenate([self._stamps, samples.stamps])
         for closed in self._segmentation.append(samples):
             self._advance()
+            if closed.begun:
+                self._fits.add(closed)
             if self._lessons is not None:
                 learned = self._lessons.add(closed)
                 if learned is not None:

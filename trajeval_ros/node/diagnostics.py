@@ -17,6 +17,8 @@ from trajeval_ros.report.causes import Cause
 _SECOND = 1_000_000_000
 _SILENCE = 5.0
 _CONSISTENT = 1e-6
+# Of the standardised innovations; one when the process fits.
+_MISFIT = 3.0
 _YEAR = 366 * 86_400 * _SECOND
 
 
@@ -249,6 +251,26 @@ def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
         "learning the ground truth's hyperparameters" if known is None else "consistent",
         values,
     )
+
+
+def with_ground_truth(status: Status, health: Health) -> Status:
+    """The ground truth's status, with its faults and how its process fits."""
+    findings = [Finding(Level.WARN, fault.text) for fault in health.faults]
+    values: dict[str, object] = dict(status.values)
+    for fault in health.faults:
+        values[f"{fault.code}"] = fault.count
+        values[f"{fault.code}_last"] = _seconds(fault.end)
+    fit = health.fit
+    if fit is not None:
+        values["translation_mean_square"], values["rotation_mean_square"] = fit.mean_squares
+        values["translation_noise_std"], values["rotation_noise_std"] = fit.noise_std
+        values["segments_adapted"] = fit.adapted
+        values["process"] = "fits" if max(fit.mean_squares) < _MISFIT else "does not fit"
+        if max(fit.mean_squares) >= _MISFIT:
+            findings.append(Finding(Level.WARN, "its process does not fit its samples"))
+    if status.level > Level.OK:
+        findings.append(Finding(status.level, status.message))
+    return merge(status.name, findings, status.message, values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from trajeval_ros.node.diagnostics import (
     check_performance,
     check_synchronization,
     check_topic,
+    with_ground_truth,
 )
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.node.session import Session
@@ -101,7 +102,9 @@ class Monitor:
         health = self._session.health()
         values = self._session.engine.parameters
         statuses = [
-            self._check_topic(0, truth, health.ground_truth, "used", period),
+            with_ground_truth(
+                self._check_topic(0, truth, health.ground_truth, "used", period), health
+            ),
             self._check_topic(1, estimate, health.estimate, "evaluated", period),
             check_synchronization(
                 health,

@@ -21,6 +21,9 @@ class Reason(StrEnum):
     DUPLICATE_STAMP = "duplicate_stamp"
     OUT_OF_ORDER = "out_of_order"
     STAMP_JUMP = "stamp_jump"
+    OUTLIER = "outlier"
+    FLIP = "flip"
+    FROZEN = "frozen"
     NO_GROUND_TRUTH = "no_ground_truth"
     OUTSIDE_GROUND_TRUTH = "outside_ground_truth"
     SINGULAR_COVARIANCE = "singular_covariance"
@@ -43,6 +46,9 @@ _EXPLANATIONS = {
     Reason.DUPLICATE_STAMP: "the stamp repeats the one before",
     Reason.OUT_OF_ORDER: "the stamp is earlier than one that came before",
     Reason.STAMP_JUMP: "the stamp leaps ahead of those around it",
+    Reason.OUTLIER: "it lies far from the samples before and after it",
+    Reason.FLIP: "it is turned on the spot, unlike the samples before and after it",
+    Reason.FROZEN: "it repeats the sample before while the body moves on",
     Reason.NO_GROUND_TRUTH: "no ground truth within ground_truth.max_gap",
     Reason.OUTSIDE_GROUND_TRUTH: "the ground truth near it lies on one side only",
     Reason.SINGULAR_COVARIANCE: "its covariance and the ground truth's sum up to a singular one",

@@ -17,12 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.hyperparameters import (
     FURTHER_COMPONENTS,
     Component,
     GroupHyperparameters,
     Hyperparameters,
 )
+from trajeval_ros.ground_truth.screen import Screen, Screened
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
@@ -103,7 +105,10 @@ class Engine:
         values = self._values
         self._estimates = Intake(bool(values["estimate.use_covariance"]))
         self._samples = Intake(bool(values["ground_truth.use_covariance"]))
-        self._ground_truth = GroundTruth(_settings(values))
+        settings = _settings(values)
+        self._faults = Faults()
+        self._screen = Screen((settings.translation_std, settings.rotation_std), self._faults)
+        self._ground_truth = GroundTruth(settings, self._faults)
         self._evaluation = Evaluation(values)
         self._pending = _NOBODY
         self._newest_estimate: int | None = None
@@ -148,9 +153,14 @@ class Engine:
 
     def _append_ground_truth(self, accepted: Accepted) -> None:
         if len(accepted.stamps):
-            self._ground_truth.append(
-                Samples(accepted.stamps, accepted.poses, accepted.covariances)
-            )
+            samples = Samples(accepted.stamps, accepted.poses, accepted.covariances)
+            self._append_screened(self._screen.accept(samples))
+
+    def _append_screened(self, screened: Screened) -> None:
+        for code, count in screened.rejected.items():
+            self._samples.account.reject(Reason(code), count)
+        if len(screened.samples):
+            self._ground_truth.append(screened.samples)
 
     def _append_estimates(self, accepted: Accepted) -> None:
         if not len(accepted.stamps):
@@ -184,6 +194,7 @@ class Engine:
     def finish(self) -> Results:
         """No more data will come: evaluate or reject all that is pending."""
         self._append_ground_truth(self._samples.conclude())
+        self._append_screened(self._screen.conclude())
         self._append_estimates(self._estimates.conclude())
         self._ground_truth.conclude()
         return self._results(*self._evaluate(len(self._pending)))
@@ -305,7 +316,8 @@ class Engine:
         """
         if not len(self._pending):
             return
-        stamps, samples = self._pending.stamps, self._ground_truth.stamps
+        stamps, held = self._pending.stamps, self._screen.held
+        samples = np.concatenate([self._ground_truth.stamps, held])
         gap, wait = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("max_wait")
         served = np.zeros(len(stamps), dtype=np.bool_)
         if len(samples):
@@ -384,6 +396,10 @@ class Engine:
                     "definite: are ground truth's or estimate's covariances right?",
                 )
             )
+        found += [
+            Notice("warning", f"ground_truth_{fault.code}", f"ground truth: {fault.text}")
+            for fault in self._faults.found
+        ]
         return (*found, *self._doubts.notices())
 
     def health(self) -> Health:
@@ -392,16 +408,22 @@ class Engine:
             self._topic(
                 self._estimates, self._evaluation.count, len(self._pending) + self._estimates.held
             ),
-            self._topic(self._samples, self._used, self._samples.held),
+            self._topic(self._samples, self._used, self._held_samples),
             self._ground_truth.hyperparameters,
             self._ground_truth.segments,
             self._evaluation.consistency,
+            self._faults.found,
+            self._ground_truth.fit,
         )
 
     @property
     def _used(self) -> int:
         account = self._samples.account
-        return account.received - account.rejected_total - self._samples.held
+        return account.received - account.rejected_total - self._held_samples
+
+    @property
+    def _held_samples(self) -> int:
+        return self._samples.held + len(self._screen.held)
 
     @staticmethod
     def _topic(intake: Intake, used: int, pending: int) -> TopicHealth:

@@ -10,6 +10,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.ground_truth.faults import Fault
+from trajeval_ros.ground_truth.fit import Fit
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.metrics.gauge import Similarity
 
@@ -112,7 +114,7 @@ class Health:
     """The engine's state, for diagnostics.
 
     ``consistency``: ``|first-order AE - RE| / |RE|``, which is round-off when all is well; None
-    before it is known.
+    before it is known. ``faults``: those of the ground truth; ``fit``: how its process fits.
     """
 
     estimate: TopicHealth
@@ -120,3 +122,5 @@ class Health:
     hyperparameters: Hyperparameters | None
     segments: int
     consistency: float | None
+    faults: tuple[Fault, ...] = ()
+    fit: Fit | None = None

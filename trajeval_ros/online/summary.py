@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.fit import Fit
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.metrics.absolute import Absolute, absolute
 from trajeval_ros.metrics.conventional import Distribution
@@ -47,6 +49,8 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
             "pending": ground_truth.pending,
             "rejected": dict(ground_truth.rejected),
             "segments": health.segments,
+            "fit": None if health.fit is None else _fit(health.fit),
+            "faults": [{**asdict(fault), "text": fault.text} for fault in health.faults],
             "hyperparameters": None
             if hyperparameters is None
             else _hyperparameters(hyperparameters),
@@ -55,6 +59,18 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
         "relative": _relative(evaluation),
         "absolute": _absolute(evaluation),
         "conventional": _conventional(evaluation, values),
+    }
+
+
+def _fit(fit: Fit) -> Figures:
+    """How the process fits the samples; m and rad."""
+    return {
+        "translation_mean_square": fit.mean_squares[0],
+        "rotation_mean_square": fit.mean_squares[1],
+        "translation_noise_std": fit.noise_std[0],
+        "rotation_noise_std": fit.noise_std[1],
+        "segments_closed": fit.segments,
+        "segments_adapted": fit.adapted,
     }
 
 

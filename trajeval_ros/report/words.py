@@ -343,6 +343,15 @@ def model(run: Run) -> list[Row]:
                     (f"{group.capitalize()}, {title}", f"{show(std)} over {scale:.3g} s", source)
                 )
         rows.append((f"{group.capitalize()}, noise", show(values["noise_std"]), "of one sample"))
+    fit = truth.get("fit")
+    if fit is not None:
+        means = f"{fit['translation_mean_square']:.2g}, {fit['rotation_mean_square']:.2g}"
+        rows.append(("Fit, translation and rotation", means, "1 is a process that fits"))
+        adapted = f"{fit['segments_adapted']:,} of {fit['segments_closed']:,}"
+        rows.append(("Segments that changed it", adapted, "their samples refuted it"))
+    for fault in truth.get("faults", ()):
+        span = f"{fault['begin'] / SECOND:.3f} s to {fault['end'] / SECOND:.3f} s"
+        rows.append((f"Fault: {fault['code']}", span, html.escape(fault["text"])))
     return rows
 
 

@@ -1,0 +1,204 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The simplest check there is: a trajectory against itself errs by less than its noise."""
+
+import numpy as np
+import pytest
+from twins.profiles import START, Profile, noisy, samples
+
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
+from trajeval_ros.online.samples import PoseSamples
+
+DEGREE = np.pi / 180.0
+SECOND = 1_000_000_000
+
+
+def run(ground_truth, estimate, **parameters):
+    """The summary, and the ground truth's poses where it was asked."""
+    engine = Engine(parameters)
+    evaluations = [results.evaluations for results in feed(engine, ground_truth, estimate)]
+    poses = np.concatenate([each.ground_truth for each in evaluations])
+    stamps = np.concatenate([each.stamps for each in evaluations])
+    return engine.summary(), stamps, poses
+
+
+def times_of(profile, rate):
+    return np.arange(0.0, profile.duration - 0.01, 1.0 / rate)
+
+
+# Each error with three axes; what was there before is in the comment, m and deg.
+@pytest.mark.parametrize(
+    ("phases", "rate", "translation", "rotation"),
+    [
+        ((("rest", 100), ("drive", 200)), 1, 8e-3, 0.2),  # 0.65, 7.1
+        ((("drive", 200),), 1, 8e-3, 0.2),
+        ((("rest", 120), ("drive", 60)), 10, 10e-3, 0.2),  # 0.11, 2.0
+        ((("rest", 40), ("aggressive", 30)), 100, 3e-3, 0.1),  # 0.018, 2.3
+        ((("rest", 40), ("aggressive", 30)), 100, 1.2e-3, 0.1),  # 0.011, 0.8
+        ((("rest", 30), ("drive", 20), ("rest", 40), ("hand", 20)), 20, 4e-3, 0.1),  # 0.014, 0.6
+        ((("creep", 60), ("spin", 30), ("creep", 30), ("drive", 30)), 5, 5e-3, 0.1),
+    ],
+)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_errs_by_less_than_the_noise(phases, rate, translation, rotation, seed):
+    rng = np.random.default_rng(seed)
+    profile = Profile(rng, *phases)
+    times = times_of(profile, rate)
+    data = samples(times, noisy(rng, profile.at(times), translation, rotation * DEGREE))
+    summary, _, _ = run(data, data)
+    conventional = summary["conventional"]
+    assert conventional["ate_translation_rmse"] < np.sqrt(3.0) * translation
+    assert conventional["ate_rotation_rmse"] < np.sqrt(3.0) * rotation * DEGREE
+    for figures in (summary["relative"], summary["absolute"], summary["window"]["relative"]):
+        assert figures["chi2_per_dof"] < 2.0
+    assert max(summary["ground_truth"]["fit"][f"{g}_mean_square"] for g in _GROUPS) < 2.0
+
+
+_GROUPS = ("translation", "rotation")
+
+
+@pytest.mark.parametrize(("rest", "rate"), [(20, 25), (60, 100)])
+def test_half_of_the_samples_against_the_other(rest, rate):
+    rng = np.random.default_rng(4)
+    profile = Profile(rng, ("rest", rest), ("hand", 40))
+    times = times_of(profile, rate)
+    data = samples(times, noisy(rng, profile.at(times), 2e-3, 0.1 * DEGREE))
+    even, odd = (
+        PoseSamples(data.stamps[k::2], data.positions[k::2], data.quaternions[k::2]) for k in (0, 1)
+    )
+    summary, stamps, poses = run(even, odd)
+    truth = profile.at((stamps - START) / SECOND)
+    error = np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
+    assert np.sqrt(np.mean(error**2)) < 3e-3  # 24 mm and 9 mm before
+    assert summary["conventional"]["ate_translation_rmse"] < 1.5 * np.sqrt(3.0) * 2e-3
+
+
+def faulty(fault, seed=3, seconds=60, rate=100):
+    """Ground truth with a fault, and a perfect estimate at 20 Hz; the truth as a function."""
+    rng = np.random.default_rng(seed)
+    profile = Profile(rng, ("hand", seconds))
+    times = times_of(profile, rate)
+    poses = noisy(rng, profile.at(times), 2e-3, 0.1 * DEGREE)
+    asked = np.arange(1.0, seconds - 1.0, 0.05) + 0.0013
+    return profile, samples(times, fault(rng, times, poses)), samples(asked, profile.at(asked))
+
+
+def errors(profile, stamps, poses):
+    truth = profile.at((stamps - START) / SECOND)
+    moved = np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)
+    between = np.swapaxes(truth[:, :3, :3], 1, 2) @ poses[:, :3, :3]
+    turned = np.arccos(np.clip(0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0), -1.0, 1.0))
+    return np.sqrt(np.mean(moved**2)), np.sqrt(np.mean(turned**2))
+
+
+def outliers(rng, times, poses):
+    poses = poses.copy()
+    wrong = rng.random(len(times)) < 0.01
+    direction = rng.normal(size=(len(times), 3))
+    poses[wrong, :3, 3] += (direction / np.linalg.norm(direction, axis=1)[:, None])[wrong]
+    return poses
+
+
+def frozen(rng, times, poses):
+    poses = poses.copy()
+    for begin in np.arange(10.0, times[-1] - 3.0, 20.0):
+        still = np.flatnonzero((times >= begin) & (times < begin + 2.0))
+        poses[still] = poses[still[0]]
+    return poses
+
+
+def flipped_once(rng, times, poses):
+    poses = poses.copy()
+    poses[len(times) // 2, :3, :3] = poses[len(times) // 2, :3, :3] @ np.diag([-1.0, -1.0, 1.0])
+    return poses
+
+
+def flipped(rng, times, poses):
+    poses = poses.copy()
+    while_flipped = (times > 30.0) & (times < 31.5)
+    poses[while_flipped, :3, :3] = poses[while_flipped, :3, :3] @ np.diag([-1.0, -1.0, 1.0])
+    return poses
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "reason", "begin", "end"),
+    [
+        (outliers, "outliers", "outlier", 0.0, 60.0),
+        (flipped_once, "flip", "flip", 29.9, 30.1),
+        (flipped, "flip", None, 30.0, 31.6),
+        (frozen, "frozen", "frozen", 10.0, 52.1),
+    ],
+)
+def test_a_fault_is_named_and_does_not_rule(fault, code, reason, begin, end):
+    profile, ground_truth, estimate = faulty(fault)
+    summary, stamps, poses = run(ground_truth, estimate)
+    (found,) = summary["ground_truth"]["faults"]
+    assert found["code"] == code
+    assert begin <= (found["begin"] - START) / SECOND <= (found["end"] - START) / SECOND <= end
+    account = summary["ground_truth"]
+    assert (reason in account["rejected"]) == (reason is not None)
+    assert account["received"] == account["used"] + sum(account["rejected"].values())
+    moved, turned = errors(profile, stamps, poses)
+    if fault is not frozen:  # where there is nothing to know
+        assert moved < 3e-3
+        assert turned < 0.2 * DEGREE
+        assert summary["relative"]["chi2_per_dof"] < 2.0
+    assert summary["absolute"]["chi2_per_dof"] < 3.0
+
+
+def test_a_moved_origin_is_named():
+    shift = np.eye(4)
+    shift[:3, 3] = [0.3, 0.2, 0.1]
+
+    def moved(rng, times, poses):
+        return np.where((times > 40.0)[:, None, None], shift @ poses, poses)
+
+    _, ground_truth, estimate = faulty(moved)
+    summary, _, _ = run(ground_truth, estimate)
+    (found,) = summary["ground_truth"]["faults"]
+    assert (found["code"], found["count"]) == ("origin_jump", 1)
+    assert abs((found["begin"] - START) / SECOND - 40.01) < 1e-6
+
+
+def test_growing_noise_is_named():
+    rng = np.random.default_rng(2)
+    profile = Profile(rng, ("hand", 100))
+    times = times_of(profile, 50)
+    std = np.where(times < 50.0, 2e-3, 30e-3)
+    data = samples(times, noisy(rng, profile.at(times), std, 0.1 * DEGREE))
+    summary, _, _ = run(data, data)
+    (found,) = summary["ground_truth"]["faults"]
+    assert found["code"] == "noise_grows"
+    assert 45.0 < (found["begin"] - START) / SECOND < 55.0
+    assert summary["ground_truth"]["fit"]["translation_noise_std"] > 15e-3
+    assert summary["relative"]["chi2_per_dof"] < 2.0
+
+
+@pytest.mark.parametrize("kind", ["rest", "drive", "aggressive"])
+@pytest.mark.parametrize("rate", [1, 20])
+def test_clean_data_have_no_faults(kind, rate):
+    rng = np.random.default_rng(5)
+    profile = Profile(rng, ("rest", 20), (kind, 60), ("rest", 20), ("drive", 20))
+    times = times_of(profile, rate)
+    data = samples(times, noisy(rng, profile.at(times), 3e-3, 0.1 * DEGREE))
+    summary, _, _ = run(data, data)
+    assert summary["ground_truth"]["faults"] == []
+    assert summary["ground_truth"]["rejected"] == {}
+
+
+@pytest.mark.parametrize("fault", [outliers, frozen, flipped])
+def test_batches_do_not_matter(fault):
+    _, ground_truth, estimate = faulty(fault, seconds=40)
+    found = []
+    for chunk in (SECOND // 50, 7 * SECOND):
+        engine = Engine({})
+        for _ in feed(engine, ground_truth, estimate, chunk):
+            pass
+        found.append(engine.summary())
+    first, second = found
+    assert first["ground_truth"] == second["ground_truth"]
+    assert first["estimate"] == second["estimate"]
+    for name in ("relative", "absolute"):
+        expected = pytest.approx(second[name]["log_likelihood"], rel=1e-9)
+        assert first[name]["log_likelihood"] == expected

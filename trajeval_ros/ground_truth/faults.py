@@ -1,0 +1,72 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with the ground truth: named, counted, with its times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+EXPLANATIONS = {
+    "outliers": "samples far from those before and after them, left out",
+    "flip": "turns no body makes, as where it was taken for another: left out or turned back",
+    "origin_jump": "jumps no body makes, from where the poses go on: a moved origin, or time lost",
+    "frozen": "samples that repeat the one before while the body moves on, left out",
+    "stamp_bursts": "samples stamped close together after a late one: stamps of their arrival",
+    "noise_grows": "seconds with noise several times that at the beginning",
+}
+"""Each fault's code and what it counts."""
+
+
+# Stamps close together are named from so many on, and from so large a share of the samples on.
+_BURSTS, _BURST_SHARE = 10, 0.01
+
+# Noise that has grown, from so many seconds on.
+_NOISY_SECONDS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Faults of one kind: ``code`` of :data:`EXPLANATIONS`, from ``begin`` to ``end`` (ns)."""
+
+    code: str
+    begin: int
+    end: int
+    count: int
+
+    @property
+    def text(self) -> str:
+        """One line for the user."""
+        return f"{self.count} {EXPLANATIONS[self.code]}"
+
+    def and_then(self, begin: int, end: int, count: int) -> Fault:
+        """With later ones."""
+        return Fault(self.code, min(self.begin, begin), max(self.end, end), self.count + count)
+
+
+class Faults:
+    """The faults so far, one entry a kind."""
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self.passed = 0
+        """Number of samples used."""
+        self._found: dict[str, Fault] = {}
+
+    def add(self, code: str, begin: int, end: int, count: int = 1) -> None:
+        """Note some more."""
+        known = self._found.get(code)
+        fault = known.and_then(begin, end, count) if known else Fault(code, begin, end, count)
+        self._found[code] = fault
+
+    @property
+    def found(self) -> tuple[Fault, ...]:
+        """All of them, in the order of :data:`EXPLANATIONS`."""
+        return tuple(self._found[code] for code in EXPLANATIONS if self._is_found(code))
+
+    def _is_found(self, code: str) -> bool:
+        count = self._found[code].count if code in self._found else 0
+        least = {
+            "stamp_bursts": max(_BURSTS, _BURST_SHARE * self.passed),
+            "noise_grows": _NOISY_SECONDS,
+        }
+        return count >= least.get(code, 1)

@@ -1,0 +1,106 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How well the process fits the ground truth's samples, segment by segment."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from trajeval_ros.ground_truth.adaptation import Epoch
+from trajeval_ros.ground_truth.faults import Faults
+from trajeval_ros.ground_truth.process import Process
+from trajeval_ros.ground_truth.segment import Segment
+
+_RECENT = 16
+# The noise has grown when it is so many times that of the first segments.
+_GROWN = 3.0
+_OWN = 0.7
+_SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """``mean_squares`` of the standardised innovations of translation and rotation, recently.
+
+    They are one when the process fits, and above where it promises too much. ``noise_std``: what
+    the samples' noise is now, its correlated part included, m and rad; ``segments`` closed, and
+    ``adapted``, the number of those whose samples refuted the process that they began with.
+    """
+
+    mean_squares: tuple[float, float]
+    noise_std: tuple[float, float]
+    segments: int
+    adapted: int
+
+
+class Fits:
+    """Looks at each closed segment."""
+
+    def __init__(self, faults: Faults) -> None:
+        """``faults``: where noise that grows is noted."""
+        self._faults = faults
+        self._recent: deque[tuple[float, float]] = deque(maxlen=_RECENT)
+        self._noise = (0.0, 0.0)
+        self._first: tuple[float, float] | None = None
+        self._segments = 0
+        self._adapted = 0
+
+    def add(self, segment: Segment) -> None:
+        """Take a closed segment whose process is known."""
+        if len(segment) < 3:
+            return
+        epoch = segment.epochs[-1]
+        squares, _ = epoch.regression.innovations(1)
+        squares = squares.reshape(2, -1, squares.shape[1]).sum(axis=1)
+        means = [
+            float(np.mean(group[min(since, len(group)) - 1 :])) / 3.0
+            for group, since in zip(squares, epoch.since, strict=True)
+        ]
+        self._recent.append((means[0], means[1]))
+        self._segments += 1
+        self._adapted += len(segment.epochs) > 1
+        self._noise = _noise(epoch.process)
+        white = _white(epoch)
+        self._first = self._first or white
+        # Where samples are rare, much of the noise stands for motion between them.
+        if any(
+            now > _GROWN * first and now > _OWN * noise
+            for now, first, noise in zip(white, self._first, self._noise, strict=True)
+        ):
+            begin, end = int(segment.samples.stamps[0]), int(segment.samples.stamps[-1])
+            # Segments overlap by half.
+            seconds = max(1, round(0.5 * (end - begin) / _SECOND))
+            self._faults.add("noise_grows", begin, end, seconds)
+
+    @property
+    def fit(self) -> Fit | None:
+        """As it is now; None before the first segment."""
+        if not self._recent:
+            return None
+        translation, rotation = (float(np.median(each)) for each in zip(*self._recent, strict=True))
+        return Fit((translation, rotation), self._noise, self._segments, self._adapted)
+
+
+def _white(epoch: Epoch) -> tuple[float, float]:
+    """The noise that is not tied to the motion, of translation and rotation."""
+    if epoch.process.learned is None:
+        return _noise(epoch.process)
+    translation, rotation = (
+        float(np.exp(regime.of(learned.theta)[-1]))
+        for learned, regime in zip(epoch.process.learned, epoch.regimes, strict=True)
+    )
+    return translation, rotation
+
+
+def _noise(process: Process) -> tuple[float, float]:
+    """The standard deviation of a sample's noise, with the part that is correlated in time."""
+    translation, rotation = (
+        float(
+            np.hypot(group.noise_std, group.components[3].std if len(group.components) > 3 else 0)
+        )
+        for group in process.groups
+    )
+    return translation, rotation

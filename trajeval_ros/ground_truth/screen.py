@@ -1,0 +1,333 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of single samples, found before these are used.
+
+A sample is suspicious when it lies many times further from the one before than is usual, or repeats
+it while the body moves. It is then held back, with those after it, until a few more tell:
+
+- they go on from where the samples before it led: it was an outlier, and costs itself alone;
+- they stay with it, turned on the spot as no body can: another body was taken for it, and what
+  follows is turned back;
+- they stay with it, and no body could have moved so fast: the origin has jumped, which is named;
+- otherwise it was motion.
+
+What is decided is a function of the samples alone, however they were cut into batches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.ground_truth.faults import Faults
+from trajeval_ros.ground_truth.segment import Samples
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# What is usual is the median of so many steps before; with fewer than the second nothing is.
+_USUAL_STEPS = 32
+_FEWEST_STEPS = 8
+# A step is suspicious beyond so many times the usual one, and so many times the largest of the last
+# few, and this many times the instrument's accuracy.
+_TIMES_USUAL = 8.0
+_TIMES_LAST = 3.0
+_TIMES_ACCURACY = 10.0
+# So long (s), and so many samples at least and at most, are looked ahead.
+_AHEAD = 0.1
+_FEWEST_AHEAD, _MOST_AHEAD = 2, 10
+# The samples after an outlier are nearer to where the motion led, by this factor.
+_RETURNED = 0.3
+_CLOSELY = 0.1
+_FAR = 30.0
+# No body does more: m/s² and rad/s².
+_ACCELERATIONS = np.array([50.0, 300.0])
+# After a jump the steps are this much smaller than it.
+_QUIET = 0.2
+# It is named when it is so many times the instrument's accuracy.
+_JUMP = 20.0
+# A turn (rad) on the spot by more than this is that of another body.
+_FLIP = 0.7
+_TURNED_BACK = 0.2
+# A body that moves goes so many usual steps in so many, and repeats nothing. After so long (ns) it
+# is taken to rest.
+_DIRECTED = 3.0
+_DIRECTED_STEPS = 8
+_LONGEST_FREEZE = 4_000_000_000
+_LEFT = 4.0
+# Stamps of arrival: an interval so much shorter than usual after one so much longer.
+_BURST, _LATE = 0.2, 1.8
+
+
+@dataclass(frozen=True, slots=True)
+class Screened:
+    """Samples that may be used, and the numbers left out by the code of their fault."""
+
+    samples: Samples
+    rejected: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class _Steps:
+    """From each sample's predecessor to it: ``sizes`` (n, 2) m and rad, ``intervals`` (n,) s."""
+
+    sizes: Array
+    intervals: Array
+
+    @staticmethod
+    def between(samples: Samples) -> _Steps:
+        """The steps from each of the samples to the next."""
+        poses = samples.poses
+        moved = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        between = np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]
+        turned = np.linalg.norm(se3.log_so3(between), axis=1) if len(between) else moved
+        return _Steps(np.stack([moved, turned], axis=1), np.diff(samples.stamps) * 1e-9)
+
+
+class Screen:
+    """Decides sample by sample; owner of those that it holds back."""
+
+    def __init__(self, accuracy: tuple[float, float], faults: Faults) -> None:
+        """``accuracy``: the instrument's, in translation (m) and rotation (rad)."""
+        self._accuracy = np.array(accuracy)
+        self._faults = faults
+        self._before: Samples | None = None  # the last few that were let through
+        self._held: Samples | None = None
+        self._turn = np.eye(4)
+        self._resting = False
+
+    @property
+    def held(self) -> npt.NDArray[np.int64]:
+        """Stamps of the samples held back; (n,)."""
+        return np.empty(0, dtype=np.int64) if self._held is None else self._held.stamps
+
+    def accept(self, samples: Samples) -> Screened:
+        """Take later samples; return those that may pass, of the ones held back as well."""
+        samples = self._put_right(samples)
+        pending = samples if self._held is None else self._held + samples
+        return self._decide(pending, final=False)
+
+    def conclude(self) -> Screened:
+        """No more samples will come."""
+        pending, self._held = self._held, None
+        if pending is None:
+            return Screened(_none(), {})
+        return self._decide(pending, final=True)
+
+    def _put_right(self, samples: Samples) -> Samples:
+        if np.array_equal(self._turn, np.eye(4)):
+            return samples
+        covariances = samples.covariances
+        if covariances is not None:
+            adjoint = se3.adjoint(se3.inverse(self._turn))
+            covariances = adjoint @ covariances @ adjoint.T
+        return replace(samples, poses=samples.poses @ self._turn, covariances=covariances)
+
+    def _decide(self, pending: Samples, *, final: bool) -> Screened:
+        passed: list[Samples] = []
+        rejected: dict[str, int] = {}
+        while len(pending):
+            count, repeats = self._unsuspicious(pending)
+            if count:
+                passed.append(pending[:count])
+                self._remember(pending[:count])
+                pending = pending[count:]
+                continue
+            judge = self._judge_repeats if repeats else self._judge_step
+            verdict = judge(pending, final)
+            if verdict is None:
+                break
+            code, number = verdict
+            if code == "":
+                passed.append(pending[:number])
+                self._remember(pending[:number])
+                pending = pending[number:]
+            elif code == "turned":
+                pending = self._turned_back(pending)
+            else:
+                rejected[code] = rejected.get(code, 0) + number
+                kind = "outliers" if code == "outlier" else code
+                stamps = pending.stamps[:number]
+                self._faults.add(kind, int(stamps[0]), int(stamps[-1]), number)
+                pending = pending[number:]
+        self._held = pending if len(pending) else None
+        samples = passed[0] if passed else _none()
+        for more in passed[1:]:
+            samples = samples + more
+        return Screened(samples, rejected)
+
+    def _remember(self, samples: Samples) -> None:
+        """Let samples be those before the next."""
+        known = samples if self._before is None else self._before + samples
+        if self._before is not None:
+            self._count_bursts(known, len(samples))
+        self._before = known[max(len(known) - _USUAL_STEPS - 1, 0) :]
+        self._faults.passed += len(samples)
+        poses = known.poses[-2:]
+        self._resting = len(poses) == 2 and self._resting and np.array_equal(poses[0], poses[1])
+
+    def _count_bursts(self, known: Samples, new: int) -> None:
+        intervals = np.diff(known.stamps)
+        old = len(intervals) - new
+        if old < _FEWEST_STEPS:
+            return
+        padded = np.concatenate([np.full(_USUAL_STEPS, np.nan), intervals])
+        windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS)[old:]
+        usual = np.nanmedian(windows, axis=1)
+        after, before = intervals[-new:], intervals[-new - 1 : -1]
+        burst = (after < _BURST * usual) & ((before > _LATE * usual) | (before < _BURST * usual))
+        for stamp in known.stamps[-new:][burst].tolist():
+            self._faults.add("stamp_bursts", stamp, stamp)
+
+    def _unsuspicious(self, pending: Samples) -> tuple[int, bool]:
+        """Number of samples before the first suspicious one, and whether that one repeats."""
+        before = self._before
+        if before is None:
+            return 1, False
+        steps = _Steps.between(before + pending)
+        known, new = len(before) - 1, len(pending)
+        padded = np.concatenate([np.full((_USUAL_STEPS, 2), np.nan), steps.sizes])
+        windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS, axis=0)
+        first = known
+        usual, last = _usual(windows[first : first + new])
+        sizes = steps.sizes[known:]
+        limit = np.maximum(_TIMES_USUAL * usual, _TIMES_LAST * last)
+        limit = np.maximum(limit, _TIMES_ACCURACY * self._accuracy)
+        large = (sizes > limit).any(axis=1)
+        enough = np.arange(known, known + new) >= _FEWEST_STEPS
+        large &= enough
+        repeats = (sizes == 0.0).all(axis=1) & enough
+        if self._resting:
+            moved = np.flatnonzero(~repeats)
+            repeats[: moved[0] if len(moved) else new] = False
+        suspicious = np.flatnonzero(large | repeats)
+        if not len(suspicious):
+            return new, False
+        return int(suspicious[0]), bool(repeats[suspicious[0]])
+
+    def _motion(self) -> tuple[Array, Array, float]:
+        """The usual step (2,), the twist of the last samples (6,), the usual interval (s)."""
+        assert self._before is not None
+        steps = _Steps.between(self._before)
+        usual = np.median(steps.sizes, axis=0)
+        last = self._before[max(len(self._before) - 4, 0) :]
+        span = float(last.stamps[-1] - last.stamps[0]) * 1e-9
+        first, second = last.poses[0], last.poses[-1]
+        twist = np.concatenate(
+            [second[:3, 3] - first[:3, 3], se3.log_so3(first[:3, :3].T @ second[:3, :3])]
+        )
+        return usual, twist / span, float(np.median(steps.intervals))
+
+    def _led_to(self, stamps: npt.NDArray[np.int64]) -> Array:
+        """Where the motion before led to; (n, 4, 4)."""
+        assert self._before is not None
+        _, twist, interval = self._motion()
+        last = self._before.poses[-1]
+        ahead = np.minimum((stamps - self._before.stamps[-1]) * 1e-9, _MOST_AHEAD * interval)
+        poses = np.tile(last, (len(stamps), 1, 1))
+        poses[:, :3, 3] += ahead[:, None] * twist[:3]
+        poses[:, :3, :3] = last[:3, :3] @ se3.exp_so3(ahead[:, None] * twist[3:])
+        return poses
+
+    def _judge_step(self, pending: Samples, final: bool) -> tuple[str, int] | None:
+        """Why so many of the next samples are left out, "" for none; None: not known yet."""
+        assert self._before is not None
+        usual, _, interval = self._motion()
+        ahead = min(max(round(_AHEAD / interval), _FEWEST_AHEAD), _MOST_AHEAD)
+        seen = pending[: ahead + 1]
+        off = _apart(self._led_to(seen.stamps), seen.poses)
+        # From the sample before the last: the last may have been stamped late.
+        step = max(float(seen.stamps[0] - self._before.stamps[-2]) * 1e-9, interval)
+        impossible = 4.0 * off[0] / step**2 > _ACCELERATIONS
+        limit = np.maximum(_TIMES_USUAL * usual, _TIMES_ACCURACY * self._accuracy)
+        large = off[0] > limit
+        far = off[0] > np.maximum(_FAR * usual, _TIMES_ACCURACY * self._accuracy)
+        if not large.any():
+            return "", 1
+        share = off[1:, large] / off[0, large]
+        near = (share < _RETURNED).all(axis=1) & bool((impossible & large).any())
+        near |= (share < _CLOSELY).all(axis=1) & bool((far & large).any())
+        if near.any():
+            turned = off[0, 1] > _FLIP and not large[0]
+            return ("flip" if turned else "outlier"), int(np.argmax(near)) + 1
+        if len(seen) <= ahead:
+            if not final:
+                return None
+            return ("outlier", 1) if (impossible & large).any() else ("", 1)
+        after = _Steps.between(seen).sizes
+        quiet = (after < _QUIET * off[0]).all(axis=0)
+        jumped = impossible & large & quiet & (off[0] > _JUMP * self._accuracy)
+        if jumped[1] and off[0, 1] > _FLIP and not large[0]:
+            return "turned", 0
+        if jumped.any():
+            stamp = int(seen.stamps[0])
+            self._faults.add("origin_jump", stamp, stamp)
+        return "", 1
+
+    def _turned_back(self, pending: Samples) -> Samples:
+        """Turn the samples to where the motion led, those to come as well."""
+        there, here = self._led_to(pending.stamps[:1])[0], pending.poses[0]
+        known, self._turn = self._turn, np.eye(4)
+        self._turn[:3, :3] = here[:3, :3].T @ there[:3, :3]
+        pending = self._put_right(pending)
+        self._turn = known @ self._turn
+        if np.linalg.norm(se3.log_so3(self._turn[:3, :3])) < _TURNED_BACK:
+            self._turn = np.eye(4)
+        stamp = int(pending.stamps[0])
+        self._faults.add("flip", stamp, stamp)
+        return pending
+
+    def _judge_repeats(self, pending: Samples, final: bool) -> tuple[str, int] | None:
+        """The same of samples that repeat the one before."""
+        assert self._before is not None
+        last = self._before.poses[-1]
+        same = (pending.poses == last).all(axis=(1, 2))
+        number = len(pending) if same.all() else int(np.argmin(same))
+        usual, _, _ = self._motion()
+        back = self._before[max(len(self._before) - _DIRECTED_STEPS - 1, 0) :]
+        net = _apart(back.poses[:1], last[None])[0]
+        directed = (net > _DIRECTED * usual) & (net > self._accuracy)
+        if not directed.any():
+            self._resting = True
+            return "", 1
+        ended = number < len(pending)
+        if not ended:
+            long = pending.stamps[-1] - self._before.stamps[-1] > _LONGEST_FREEZE
+            if not long and not final:
+                return None
+            self._resting = True
+            return "", number
+        gone = _apart(last[None], pending.poses[number : number + 1])[0]
+        span = float(pending.stamps[number] - self._before.stamps[-1])
+        expected = net / float(back.stamps[-1] - back.stamps[0]) * span
+        frozen = (gone > _LEFT * self._accuracy) & directed
+        frozen &= (gone > 0.3 * expected) | (gone > 5.0 * usual)
+        if frozen.any():
+            return "frozen", number
+        self._resting = True
+        return "", number
+
+
+def _apart(first: Array, second: Array) -> Array:
+    """Distance (m) and angle (rad) between poses; (n, 2)."""
+    moved = np.linalg.norm(second[:, :3, 3] - first[:, :3, 3], axis=1)
+    between = np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3]
+    return np.stack([moved, np.linalg.norm(se3.log_so3(between), axis=1)], axis=1)
+
+
+def _usual(windows: Array) -> tuple[Array, Array]:
+    """The median of each window (n, 2, 32), and the largest of its last three; NaN left out."""
+    filled = np.isfinite(windows)
+    count = filled.sum(axis=-1)
+    ordered = np.sort(np.where(filled, windows, np.inf), axis=-1)
+    middle = np.maximum(count - 1, 0) // 2
+    median = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
+    last = np.where(filled[..., -3:], windows[..., -3:], 0.0).max(axis=-1)
+    return np.where(np.isfinite(median), median, 0.0), last
+
+
+def _none() -> Samples:
+    return Samples(np.empty(0, dtype=np.int64), np.empty((0, 4, 4)))
