@@ -353,6 +353,32 @@ def test_bad_parameter_files(
     assert "bad.yaml" in line
 
 
+@pytest.mark.parametrize(
+    ("columns", "code"),
+    [(slice(4, 8), "orientation never changes"), (slice(1, 8), "stays at one pose")],
+)
+def test_an_estimate_that_nobody_filled_in_is_evaluated_and_said(
+    edited: Any, run: tuple[Path, Path], tmp_path: Path, columns: slice, code: str
+) -> None:
+    def spoil(lines: list[str]) -> None:
+        empty = ["0", "0", "0", "0", "0", "0", "0", "1"]
+        for i, line in enumerate(lines):
+            fields = line.split()
+            if not line.startswith("#"):
+                fields[columns] = empty[columns]
+                lines[i] = " ".join(fields)
+
+    result = evaluate("tum", run[0], edited(spoil), "--output", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert f"likely cause: the estimate's {code}" in result.stdout or (
+        f"likely cause: the estimate {code}" in result.stdout
+    )
+    assert "ATE" in result.stdout
+    assert "error:" not in result.stdout
+    assert sorted(os.listdir(tmp_path / "out")) == ["poses.csv", "report.html", "summary.json"]
+
+
 def test_no_arguments_is_wrong_usage() -> None:
     result = evaluate()
     assert result.returncode == 2

@@ -173,6 +173,33 @@ def test_wrong_topics(bag, topic, text):
     assert "\n" not in str(caught.value)
 
 
+def write_mixed(folder, other):
+    """A bag whose topic /pose has messages of another topic's type as well; its path."""
+    path = folder / "mixed"
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic in ("/pose", other):
+            connection = writer.add_connection("/pose", TOPICS[topic], typestore=store)
+            for i in range(COUNT):
+                raw = store.serialize_cdr(message(store, topic, i, False), TOPICS[topic])
+                writer.write(connection, LOG_OFFSET + i * 1000, raw)
+    return path
+
+
+def test_a_topic_of_two_types_with_poses_is_refused(tmp_path):
+    path = write_mixed(tmp_path, "/odometry")
+    with pytest.raises(TrajectoryFileError, match=r"holds poses of 2 types, .*PoseStamped and nav"):
+        read_bag(path, ["/pose"])
+    (candidate,) = list_candidates(path)
+    assert candidate.message_type == "geometry_msgs/msg/PoseStamped and nav_msgs/msg/Odometry"
+    assert candidate.count == 2 * COUNT
+
+
+def test_another_type_without_poses_on_a_topic_is_passed_over(tmp_path):
+    (trajectory,) = read_bag(write_mixed(tmp_path, "/words"), ["/pose"])
+    assert trajectory.stamps.tolist() == [stamp_of(i) for i in range(COUNT)]
+
+
 def test_no_candidate(tmp_path):
     store = get_typestore(Stores.ROS1_NOETIC)
     with Writer1(tmp_path / "run.bag") as writer:

@@ -8,9 +8,11 @@ import json
 import os
 import signal
 import stat
+from dataclasses import replace
 from pathlib import Path
 
 import data
+import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from harness import Graph, Process, accounted, values_of
@@ -173,6 +175,27 @@ def test_save_reset_and_parameters_at_run_time(graph: Graph, tmp_path: Path) -> 
     assert summary["estimate"]["received"] == counts[1]
     assert summary["window"]["duration"] <= 2.0
     assert summary["window"]["poses"] < summary["estimate"]["evaluated"]
+
+
+def test_an_estimate_that_never_turns_is_survived_and_said(graph: Graph, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    node = graph.start_evaluator(output__directory=str(out), **FIXED)
+    truth, estimate = data.run(10.0)
+    upright = replace(estimate, quaternions=np.tile([0.0, 0.0, 0.0, 1.0], (len(estimate), 1)))
+    publishers = [graph.publisher(topic) for topic in ("ground_truth", "estimate")]
+    graph.until_heard(*publishers)
+    data.publish_in_order(
+        publishers, [data.messages(PoseStamped, each) for each in (truth, upright)]
+    )
+    graph.until_accounted("estimate", len(upright))
+    graph.until_health("consistency", "the estimate's orientation never changes")
+    assert graph.call("/evaluator/save").success
+    assert node.end() == 0
+    assert "Traceback" not in node.output
+    assert sorted(os.listdir(out)) == ["poses.csv", "report.html", "summary.json"]
+    summary = summary_in(out)
+    assert accounted(summary["estimate"], "evaluated")
+    assert [cause["code"] for cause in summary["likely_causes"]] == ["constant_orientation"]
 
 
 def test_a_folder_that_cannot_be_written_is_said_and_survived(graph: Graph, tmp_path: Path) -> None:

@@ -122,6 +122,41 @@ def test_a_robot_at_rest_tells_nothing() -> None:
     assert named(check(motion(still), estimate(still))) == []
 
 
+def constant(poses: Array) -> Array:
+    """The poses with the orientation that a converter writes which has none."""
+    result = poses.copy()
+    result[:, :3, :3] = np.eye(3)
+    return result
+
+
+@pytest.mark.parametrize("side", ["estimate", "ground truth"])
+def test_an_orientation_that_never_changes(side: str) -> None:
+    poses = {"estimate": estimate(), "ground truth": motion(SECONDS)}
+    poses[side] = constant(poses[side])
+    (cause,) = check(poses["ground truth"], poses["estimate"])
+    assert cause.code == "constant_orientation"
+    assert f"the {side}'s orientation never changes (x y z w is 0 0 0 1" in cause.text
+    assert side in cause.advice
+
+
+def test_a_constant_orientation_does_not_hide_the_scale() -> None:
+    poses = motion(SECONDS), constant(scaled(estimate(), 1000.0))
+    assert named(check(*poses)) == ["constant_orientation", "millimetres"]
+
+
+def test_an_estimate_that_is_stuck() -> None:
+    (cause,) = check(motion(SECONDS), np.tile(estimate()[:1], (len(SECONDS), 1, 1)))
+    assert cause.code == "stuck"
+
+
+def test_nothing_is_stuck_or_constant_beside_a_robot_at_rest() -> None:
+    still = np.tile(motion(SECONDS)[:1], (len(SECONDS), 1, 1))
+    assert check(still, still) == ()
+    drift = np.zeros((len(SECONDS), 6))
+    drift[:, 5] = np.linspace(0.0, 0.5, len(SECONDS))
+    assert check(still, np.asarray(se3.compose(still, se3.exp(drift)))) == ()
+
+
 def test_too_few_poses_tell_nothing() -> None:
     wrong = reread(estimate(), [3, 0, 1, 2], [1, 1, 1, 1])
     assert likely_causes(STAMPS[:20], motion(SECONDS)[:20], wrong[:20], "se3") == ()

@@ -157,6 +157,40 @@ def test_page_without_matplotlib_has_the_tables_and_says_how_to_get_the_rest(
     assert "svg" not in reader.tags
 
 
+def broken(*arguments: Any) -> Any:
+    raise ZeroDivisionError("a defect")
+
+
+@pytest.mark.parametrize(
+    ("where", "what", "headings"),
+    [
+        ("trajeval_ros.report.report.likely_causes", "the search for likely causes", SECTIONS),
+        ("trajeval_ros.report.plots.trajectory", "the picture 'Trajectory'", SECTIONS[1:]),
+        ("trajeval_ros.report.page.make_series", "the report", []),
+    ],
+)
+def test_a_defect_costs_itself_alone_and_is_said_once(
+    evaluated: tuple[Report, dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
+    where: str,
+    what: str,
+    headings: list[str],
+) -> None:
+    report, summary = evaluated
+    monkeypatch.setattr(report, "defects", ())
+    monkeypatch.setattr(where, broken)
+    for _ in range(2):
+        page = report.render(summary)
+    (line,) = report.defects
+    assert line.startswith(f"{what} failed: ZeroDivisionError: a defect (")
+    assert "\n" not in line
+    reader = read(page)
+    assert reader.headings == headings
+    text = " ".join("".join(reader.text).split())
+    assert line in text
+    assert "chi2" in text or "χ²" in text
+
+
 def test_page_of_a_run_without_any_evaluated_pose() -> None:
     reader = read(Report(complete({}), {}).render(Engine({}).summary()))
     assert "No estimate has been evaluated." in "".join(reader.text)

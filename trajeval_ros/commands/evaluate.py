@@ -83,6 +83,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
     ]
     remarks += [f"{notice.level}: {notice.text}" for notice in report.notices]
     remarks += places
+    remarks += [f"error: {line}" for line in report.defects]
     if remarks:
         print("\n" + "\n".join(remarks))
     if folder is not None:

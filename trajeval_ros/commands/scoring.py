@@ -25,6 +25,7 @@ from trajeval_ros.online.results import Evaluations, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
+from trajeval_ros.report.wall import shield
 
 Figures = dict[str, Any]
 
@@ -78,9 +79,15 @@ def score(
         )
     summary = poses.complete(summary, parameters["gauge"])
     summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
+    none: list[str] = []
+    places = shield("the list of rejected rows", lambda: _places(engine, data), none, report.say)
+    return summary, places
+
+
+def _places(engine: Engine, data: Inputs) -> list[str]:
     health = engine.health()
-    places = _where_to_look("estimate", estimate, health.estimate)
-    return summary, places + _where_to_look("ground truth", truth, health.ground_truth)
+    places = _where_to_look("estimate", data.estimate, health.estimate)
+    return places + _where_to_look("ground truth", data.ground_truth, health.ground_truth)
 
 
 def samples(trajectory: Trajectory) -> PoseSamples:

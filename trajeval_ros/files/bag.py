@@ -57,24 +57,23 @@ class Candidate:
 def list_candidates(path: PathLike, progress: Progress | None = None) -> tuple[Candidate, ...]:
     """The topics of a bag that hold a trajectory, by name; reads their messages for the rates.
 
-    A transform that was published once, as a static one is, is no trajectory.
+    A transform that was published once, as a static one is, is no trajectory. A topic of several
+    types that hold poses is listed with all of them, and `read_bag` refuses it.
 
     Raises:
         TrajectoryFileError: the bag cannot be read, or rosbags is not installed.
     """
     source = os.fspath(path)
     with _opened(source) as reader:
-        types = {c.topic: str(c.msgtype) for c in reader.connections}
-        wanted = {
-            topic for topic, kind in types.items() if kind in _POSE_TYPES or kind in _TF_TYPES
-        }
+        types = _types(reader)
+        wanted = {topic for topic, kinds in types.items() if _usable(kinds)}
         columns: dict[tuple[str, str], _Column] = {}
         for topic, edge, pose in _poses(source, reader, wanted, progress):
             columns.setdefault((topic, edge), _Column()).add(pose)
     return tuple(
         Candidate(
             topic=f"{topic}:{edge}" if edge else topic,
-            message_type=types[topic],
+            message_type=" and ".join(_usable(types[topic])),
             count=len(column.stamps),
             rate=_rate(column.stamps),
         )
@@ -98,7 +97,7 @@ def read_bag(
 
     Raises:
         TrajectoryFileError: the bag cannot be read, rosbags is not installed, or a topic is not
-            in it, holds no message or messages of another type.
+            in it, holds no message, messages of another type or of two that hold poses.
     """
     source = os.fspath(path)
     with _opened(source) as reader:
@@ -208,7 +207,8 @@ def _poses(
     source: str, reader: Any, topics: set[str], progress: Progress | None
 ) -> Iterator[tuple[str, str, _Pose]]:
     """Topic, ``parent.child`` of a transform in a TFMessage or "", and pose, in log order."""
-    connections = [c for c in reader.connections if c.topic in topics]
+    # A topic may have other types besides, which hold no poses.
+    connections = [c for c in reader.connections if c.topic in topics and _usable([c.msgtype])]
     # Without connections, the library would read every message.
     if not connections:
         return
@@ -255,29 +255,52 @@ def _pose(message: Any, row: int, with_covariance: bool = False) -> _Pose:
     )
 
 
+def _types(reader: Any) -> dict[str, list[str]]:
+    """The types of each topic's messages, in the order of the bag; as a rule there is one."""
+    types: dict[str, list[str]] = {}
+    for connection in reader.connections:
+        kinds = types.setdefault(connection.topic, [])
+        if str(connection.msgtype) not in kinds:
+            kinds.append(str(connection.msgtype))
+    return types
+
+
+def _usable(types: Sequence[str]) -> list[str]:
+    """Those of the types that hold poses."""
+    return [kind for kind in types if kind in _POSE_TYPES or kind in _TF_TYPES]
+
+
 def _find(source: str, reader: Any, name: str) -> tuple[str, str]:
     """The topic of the bag that is meant, and the transform in it or ""."""
-    types = {c.topic: str(c.msgtype) for c in reader.connections}
+    types = _types(reader)
     wanted, _, edge = name.partition(":")
     topic = next(
         (t for same in (str, _frame) for t in types if same(t) == same(wanted)),
         None,
     )
     if topic is None:
-        usable = sorted(t for t, kind in types.items() if kind in (*_POSE_TYPES, *_TF_TYPES))
-        there = f"with poses there are {', '.join(usable)}" if usable else "none has poses"
+        others = sorted(t for t, kinds in types.items() if _usable(kinds))
+        there = f"with poses there are {', '.join(others)}" if others else "none has poses"
         raise TrajectoryFileError(source, f"there is no topic {wanted!r}; {there}")
-    if types[topic] in _TF_TYPES:
+    usable = _usable(types[topic])
+    if not usable:
+        held = " and ".join(types[topic])
+        raise TrajectoryFileError(
+            source, f"the topic {topic!r} holds {held}, from which no pose is taken"
+        )
+    if len(usable) > 1:
+        raise TrajectoryFileError(
+            source,
+            f"the topic {topic!r} holds poses of {len(usable)} types, {' and '.join(usable)}:"
+            " two sources on one topic; keep one of them in the bag",
+        )
+    if usable[0] in _TF_TYPES:
         if "." not in edge:
             raise TrajectoryFileError(
                 source,
                 f"the topic {topic!r} holds transforms: name one as {topic}:parent.child",
             )
         return topic, edge
-    if types[topic] not in _POSE_TYPES:
-        raise TrajectoryFileError(
-            source, f"the topic {topic!r} holds {types[topic]}, from which no pose is taken"
-        )
     if edge:
         raise TrajectoryFileError(source, f"the topic {topic!r} holds no transforms: {name!r}")
     return topic, ""

@@ -25,6 +25,7 @@ from trajeval_ros.node.session import Session
 from trajeval_ros.node.visualization import Visualization
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.report.wall import shield
 
 _BATCH_PERIOD = 0.02
 # The part of the time that batches, or the figures of the window, may take before they become rarer
@@ -81,6 +82,7 @@ class Evaluator(Node):
         self._sieve: LeftOver | None = None
         self._latest_evaluated: int | None = None
         self._causes_said: set[str] = set()
+        self._defects_said: set[str] = set()
         self._metrics_due = False
         self._window: tuple[int, dict[str, str]] | None = None
         self._next_batch = self._next_window = 0.0
@@ -92,8 +94,8 @@ class Evaluator(Node):
                 (_DISCOVERY_PERIOD, self._on_discovery),
                 (_CAUSES_PERIOD, self._on_causes),
                 (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
-                (_PATH_PERIOD, self._visualization.publish_paths),
-                (_MARKER_PERIOD, self._visualization.publish_markers),
+                (_PATH_PERIOD, self._on_paths),
+                (_MARKER_PERIOD, self._on_markers),
             )
         )
         if self._session.error is not None:
@@ -115,7 +117,7 @@ class Evaluator(Node):
 
     def rescue(self) -> None:
         """Write the output folder as it is, because something has gone wrong."""
-        self._save()
+        shield("the rescue", self._save, None, self._say_defect)
         self._session.close()
 
     # -------------------------------------------------------------- periodic work, services
@@ -148,6 +150,13 @@ class Evaluator(Node):
             if cause.code not in self._causes_said:
                 self._causes_said.add(cause.code)
                 self.get_logger().warning(cause.sentence)
+        self._log_defects()
+
+    def _on_paths(self) -> None:
+        shield("the paths", self._visualization.publish_paths, None, self._say_defect)
+
+    def _on_markers(self) -> None:
+        shield("the markers", self._visualization.publish_markers, None, self._say_defect)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._process()
@@ -240,7 +249,12 @@ class Evaluator(Node):
             return
         body = self._ground_truth.child_frame or self._estimate.child_frame
         self._outputs.publish(results, self._ground_truth.frame, body)
-        self._visualization.add(results, self._ground_truth.frame)
+        shield(
+            "the path",
+            lambda: self._visualization.add(results, self._ground_truth.frame),
+            None,
+            self._say_defect,
+        )
         self._latest_evaluated = int(results.evaluations.stamps[-1])
         self._metrics_due = True
 
@@ -271,6 +285,16 @@ class Evaluator(Node):
             logger.warning(notice.text)
         else:
             logger.error(notice.text)
+
+    def _say_defect(self, line: str) -> None:
+        """Log what has failed; each line once."""
+        if line not in self._defects_said:
+            self._defects_said.add(line)
+            self.get_logger().error(line)
+
+    def _log_defects(self) -> None:
+        for line in self._session.defects:
+            self._say_defect(line)
 
     def _start_over(self, why: str) -> None:
         """Time has jumped back: end the run, keep its results, begin another."""
@@ -305,6 +329,8 @@ class Evaluator(Node):
         except OutputError as error:
             self.get_logger().error(str(error))
             return None
+        finally:
+            self._log_defects()
         if path is not None:
             self.get_logger().info(f"results written to {path}")
         return str(path or "")

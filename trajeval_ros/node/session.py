@@ -91,6 +91,11 @@ class Session:
         """What is likely wrong with the data, as far as `look_for_causes` has seen."""
         return self._causes
 
+    @property
+    def defects(self) -> tuple[str, ...]:
+        """What of causes, report and pictures has failed, a line each."""
+        return self._report.defects
+
     def look_for_causes(self) -> None:
         """Look at the run so far, if it has gone on since: 40 ms at the most, however long."""
         evaluated = self.engine.health().estimate.used

@@ -9,6 +9,7 @@ Each test looks at what its mistake, and nothing else, changes:
   The best B is Wahba's problem. What no B explains is a quaternion that was read wrongly.
 - The size of the trajectories is compared by the scale of a Sim(3) alignment.
 - Angular speed, which no frame changes, is compared in time.
+- What never changes at all is compared with nothing.
 """
 
 from __future__ import annotations
@@ -49,6 +50,12 @@ _LONGEST_OFFSET = 3.0
 _SHORTEST_OFFSET = 0.03
 _CORRELATION = 0.7
 _CORRELATION_LACK = 0.3
+# Angular speeds that spread by less (rad/s) are one.
+_STEADY = 1e-9
+# What never changes: by less than round-off, m and rad, while the other trajectory goes this far.
+_STILL = 1e-6
+_MOVED = 0.1
+_TURNED = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +82,84 @@ def likely_causes(
     """
     if len(stamps) < _FEWEST:
         return ()
-    reading = _rotations(stamps, ground_truth[:, :3, :3], estimate[:, :3, :3])
+    stuck = _stuck(ground_truth, estimate)
+    if stuck:
+        return stuck
+    scale = _scale(stamps, ground_truth[:, :3, 3], estimate[:, :3, 3], gauge)
+    rotations = ground_truth[:, :3, :3], estimate[:, :3, :3]
+    constant = _constant_orientation(stamps, *rotations)
+    if constant:
+        return (*constant, *scale)
+    return (*_rotations(stamps, *rotations), *scale, *_clock(stamps, *rotations))
+
+
+def _angles(rotation: Array) -> Array:
+    """How far each rotation (B, 3, 3) is from the first, rad."""
+    turned = se3.log_so3(rotation[0].T @ rotation)
+    return np.asarray(np.linalg.norm(turned, axis=-1))
+
+
+def _distances(position: Array) -> Array:
+    """How far each position (B, 3) is from the first, m."""
+    return np.asarray(np.linalg.norm(position - position[0], axis=-1))
+
+
+def _stuck(ground_truth: Array, estimate: Array) -> tuple[Cause, ...]:
+    """An estimate at one pose, of a robot that moves or turns."""
+    if _distances(estimate[:, :3, 3]).max() > _STILL or _angles(estimate[:, :3, :3]).max() > _STILL:
+        return ()
+    moved = float(_distances(ground_truth[:, :3, 3]).max())
+    turned = float(_angles(ground_truth[:, :3, :3]).max())
+    if moved < _MOVED and turned < _TURNED:
+        return ()
     return (
-        *reading,
-        *_scale(stamps, ground_truth[:, :3, 3], estimate[:, :3, 3], gauge),
-        *_clock(stamps, ground_truth[:, :3, :3], estimate[:, :3, :3]),
+        Cause(
+            "stuck",
+            f"the estimate stays at one pose, while the ground truth goes {moved:.3g} m away"
+            f" from its first pose and turns by {np.degrees(turned):.0f} degrees",
+            "see whether the estimator tracks at all, and whether this is its topic or file",
+        ),
     )
+
+
+def _constant_orientation(
+    stamps: Stamps, ground_truth: Array, estimate: Array
+) -> tuple[Cause, ...]:
+    """An orientation that nobody filled in."""
+    for title, constant, other_title, other in (
+        ("estimate", estimate, "ground truth", ground_truth),
+        ("ground truth", ground_truth, "estimate", estimate),
+    ):
+        turned = float(_angles(other).max())
+        if _angles(constant).max() > _STILL or turned < _TURNED:
+            continue
+        # A slow turn against a ground truth at rest is drift.
+        if constant is ground_truth and not _turns(stamps, estimate):
+            continue
+        x, y, z, w = _quaternion(constant[0])
+        return (
+            Cause(
+                "constant_orientation",
+                f"the {title}'s orientation never changes (x y z w is {x:.3g} {y:.3g} {z:.3g}"
+                f" {w:.3g} throughout), while the {other_title} turns by"
+                f" {np.degrees(turned):.0f} degrees: many a converter writes 0 0 0 1",
+                f"write the {title}'s own quaternions; until then no figure of rotation holds",
+            ),
+        )
+    return ()
+
+
+def _turns(stamps: Stamps, rotation: Array) -> bool:
+    """Whether orientations change within a step by more than noise."""
+    between = _between(rotation, *_pairs(stamps, _STEP))
+    return len(between) >= _FEWEST and bool(np.sqrt((between**2).sum(axis=1).mean()) >= _TURNING)
+
+
+def _quaternion(rotation: Array) -> list[float]:
+    """x, y, z, w of a rotation (3, 3)."""
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    return [float(value) + 0.0 for value in se3.to_position_quaternion(pose)[1]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +178,15 @@ def _fit(truth: Array, other: Array) -> _Fit:
     sign = np.sign(np.linalg.det(u @ vt))
     turn = u @ np.diag([1.0, 1.0, sign]) @ vt
     size = float(np.sqrt((truth**2).sum()))
+
+    def share(unexplained: Array) -> float:
+        # Of no rotation at all nothing can be explained.
+        return float(np.linalg.norm(unexplained)) / size if size > 0.0 else 1.0
+
     return _Fit(
         turn=turn,
-        as_is=float(np.linalg.norm(truth - other)) / size,
-        turned=float(np.linalg.norm(truth - other @ turn.T)) / size,
+        as_is=share(truth - other),
+        turned=share(truth - other @ turn.T),
         axes=int((singular > 0.02 * singular[0]).sum()),
     )
 
@@ -124,12 +208,9 @@ def _between(rotation: Array, first: npt.NDArray[np.intp], second: npt.NDArray[n
 def _rotations(stamps: Stamps, ground_truth: Array, estimate: Array) -> tuple[Cause, ...]:
     """Quaternions read wrongly, or a body frame that is turned."""
     first, second = _pairs(stamps, _STEP)
-    if len(first) < _FEWEST:
+    if not _turns(stamps, ground_truth):
         return ()
-    truth = _between(ground_truth, first, second)
-    if np.sqrt((truth**2).sum(axis=1).mean()) < _TURNING:
-        return ()
-    fit = _fit(truth, _between(estimate, first, second))
+    fit = _fit(_between(ground_truth, first, second), _between(estimate, first, second))
     if fit.as_is < _WRONG:
         return ()
     reread, cause = _misread(fit, first, second, ground_truth, estimate)
@@ -212,9 +293,7 @@ def _turned_body(fit: _Fit) -> Cause:
             f"{text} (seen about one axis only)",
             "set extrinsic to the estimate's body frame in the ground truth's",
         )
-    pose = np.eye(4)
-    pose[:3, :3] = fit.turn
-    numbers = ",".join(f"{value:.3g}" for value in se3.to_position_quaternion(pose)[1])
+    numbers = ",".join(f"{value:.3g}" for value in _quaternion(fit.turn))
     return Cause(
         "body_frame", text, f"set extrinsic=0,0,0,{numbers}, with the lever arm for the zeros"
     )
@@ -250,13 +329,15 @@ def _scale(stamps: Stamps, ground_truth: Array, estimate: Array, gauge: str) -> 
 def _clock(stamps: Stamps, ground_truth: Array, estimate: Array) -> tuple[Cause, ...]:
     """An offset between the two clocks, from the angular speeds."""
     step = float(np.median(np.diff(stamps))) / SECOND
-    if step > 0.25:
+    if not 0.0 < step <= 0.25:
         return ()
     count = int((stamps[-1] - stamps[0]) / SECOND / step)
     longest = int(_LONGEST_OFFSET / step)
     if not 4 * longest < count < 1_000_000:
         return ()
     first, second = _pairs(stamps, 3 * step)
+    if len(first) < _FEWEST:
+        return ()
     middle = (stamps[first] + stamps[second] - 2 * stamps[0]) / (2.0 * SECOND)
     length = (stamps[second] - stamps[first]) / SECOND
     grid = np.arange(count) * step
@@ -273,9 +354,8 @@ def _clock(stamps: Stamps, ground_truth: Array, estimate: Array) -> tuple[Cause,
         return ()
     # The vertex of the parabola through the best lag and its neighbours.
     before, here, after = correlation[best - 1 : best + 2]
-    vertex = (
-        0.5 * (before - after) / (before - 2 * here + after) if here > min(before, after) else 0
-    )
+    bend = before - 2 * here + after
+    vertex = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     offset = float(lags[best] + vertex) * step
     lack = (1.0 - here) / max(1.0 - correlation[longest], 1e-3)
     if abs(offset) < _SHORTEST_OFFSET or here < _CORRELATION or lack > _CORRELATION_LACK:
@@ -298,6 +378,6 @@ def _correlation(truth: Array, other: Array, scored: npt.NDArray[np.bool_], lag:
     there = slice(max(0, lag), min(count, count + lag))
     both = scored[here] & scored[there]
     a, b = other[here][both], truth[there][both]
-    if len(a) < _FEWEST or a.std() == 0.0 or b.std() == 0.0:
+    if len(a) < _FEWEST or min(a.std(), b.std()) < _STEADY:
         return 0.0
     return float(np.corrcoef(a, b)[0, 1])

@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 from trajeval_ros.report import words
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import Series, make_series
+from trajeval_ros.report.wall import shield
 
 _STYLE = Path(__file__).with_name("style.css")
 
@@ -81,14 +83,14 @@ _HOW_TO_READ = (
 )
 
 
-def page(run: Run) -> str:
-    """Return ``report.html``."""
+def page(run: Run, say: Callable[[str], None]) -> str:
+    """Return ``report.html``. ``say`` is told, in one line, of a picture that fails."""
     series = make_series(run) if len(run.buckets) else None
     sections = [
         f"<p class=verdict>{words.verdict(run, series)}</p>",
         _tiles(words.tiles(run, series)),
         _notices(run),
-        *_pictures(run, series),
+        *_pictures(run, series, say),
         _section("Figures", _table(words.figures(run), ("", "", "what it says"))),
         _section("Every message", _table(words.accounts(run), ("", "", ""))),
         _section("The ground truth's model", _table(words.model(run), ("", "", ""))),
@@ -128,6 +130,7 @@ def _notices(run: Run) -> str:
         for cause in run.causes
     ]
     said += [(notice.level, notice.level, notice.text) for notice in run.notices]
+    said += [("error", "error", line) for line in run.defects]
     items = "".join(
         f'<li class="{html.escape(level)}"><b>{html.escape(title)}</b>: {html.escape(text)}</li>'
         for level, title, text in said
@@ -135,17 +138,52 @@ def _notices(run: Run) -> str:
     return f"<ul class=notices>{items}</ul>" if items else ""
 
 
-def _pictures(run: Run, series: Series | None) -> list[str]:
+def _pictures(run: Run, series: Series | None, say: Callable[[str], None]) -> list[str]:
     if series is None:
         return []
-    try:
-        from trajeval_ros.report import plots
-    except ImportError:
-        return [f"<p>{_PICTURES_MISSING}</p>"]
-    return [
-        _section("Trajectory", _figure(plots.trajectory(run, series), _TRAJECTORY_CAPTION)),
-        _section("Over time", _figure(plots.over_time(run, series), _TIME_CAPTION)),
-    ]
+    drawn: list[str] = []
+    for title, draw, caption in (
+        ("Trajectory", _trajectory, _TRAJECTORY_CAPTION),
+        ("Over time", _over_time, _TIME_CAPTION),
+    ):
+        try:
+            drawn.append(_picture(title, partial(draw, run, series), caption, say))
+        except ImportError:
+            return [f"<p>{_PICTURES_MISSING}</p>"]
+    return drawn
+
+
+def _trajectory(run: Run, series: Series) -> str:
+    # Only now: matplotlib may be absent, or broken.
+    from trajeval_ros.report import plots
+
+    return plots.trajectory(run, series)
+
+
+def _over_time(run: Run, series: Series) -> str:
+    from trajeval_ros.report import plots
+
+    return plots.over_time(run, series)
+
+
+def _picture(title: str, draw: Callable[[], str], caption: str, say: Callable[[str], None]) -> str:
+    """The picture's section, or why there is no picture. Raises ImportError without matplotlib."""
+    missing: list[ImportError] = []
+
+    def section() -> str:
+        try:
+            return _section(title, _figure(draw(), caption))
+        except ImportError as error:
+            missing.append(error)
+            return ""
+
+    lines: list[str] = []
+    drawn = shield(f"the picture {title!r}", section, "", lines.append)
+    if missing:
+        raise missing[0]
+    for line in lines:
+        say(line)
+    return drawn + "".join(f"<p>{html.escape(line)}</p>" for line in lines)
 
 
 def _figure(svg: str, caption: str) -> str:

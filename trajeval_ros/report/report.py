@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import html
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +17,10 @@ from trajeval_ros.report.causes import Cause, likely_causes
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.track import Track
+from trajeval_ros.report.wall import shield
 
+# A node that runs for weeks does not gather more lines than this.
+_MOST_DEFECTS = 20
 _NO_EXTRINSIC = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -25,11 +30,14 @@ class Report:
     ``parameters`` are the engine's, ``sources`` say where each trajectory comes from, e.g.
     ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices``, to be set, are the
     engine's at the time of the report.
+
+    No defect of it is raised: :attr:`defects` has a line for each kind.
     """
 
     def __init__(self, parameters: Mapping[str, Any], sources: Mapping[str, str]) -> None:
         self.parameters = dict(parameters)
         self.sources = dict(sources)
+        self.defects: tuple[str, ...] = ()
         self.clear()
 
     def clear(self) -> None:
@@ -39,9 +47,14 @@ class Report:
         self.estimate = Coverage()
         self.notices: tuple[Notice, ...] = ()
 
+    def say(self, line: str) -> None:
+        """Remember what has failed, in one line; each line once."""
+        if line not in self.defects:
+            self.defects = (*self.defects, line)[:_MOST_DEFECTS]
+
     def add(self, results: Results) -> None:
         """Take in what a call of the engine brought about."""
-        self.track.add(results)
+        shield("the record for the report", lambda: self.track.add(results), None, self.say)
 
     def add_received(
         self,
@@ -49,13 +62,18 @@ class Report:
         estimate: npt.NDArray[np.int64] | None = None,
     ) -> None:
         """Take in the stamps of what arrived, in nanoseconds, in any order."""
-        if ground_truth is not None:
-            self.ground_truth.add(ground_truth)
-        if estimate is not None:
-            self.estimate.add(estimate)
+        for coverage, stamps in ((self.ground_truth, ground_truth), (self.estimate, estimate)):
+            if stamps is not None:
+                self._add_stamps(coverage, stamps)
+
+    def _add_stamps(self, coverage: Coverage, stamps: npt.NDArray[np.int64]) -> None:
+        shield("the record for the report", lambda: coverage.add(stamps), None, self.say)
 
     def causes(self) -> tuple[Cause, ...]:
         """Return what is likely wrong with the data, if anything is."""
+        return shield("the search for likely causes", self._causes, (), self.say)
+
+    def _causes(self) -> tuple[Cause, ...]:
         buckets = self.track.buckets()
         if tuple(self.parameters["extrinsic"]) != _NO_EXTRINSIC:
             # The poses are no longer as they were read; who sets this knows their frames.
@@ -69,12 +87,14 @@ class Report:
 
     def run(self, summary: Mapping[str, Any]) -> Run:
         """Return the run as it stands."""
+        causes = self.causes()
         return Run(
             summary=summary,
             parameters=self.parameters,
             sources=self.sources,
             notices=self.notices,
-            causes=self.causes(),
+            causes=causes,
+            defects=self.defects,
             buckets=self.track.buckets(),
             ground_truth=self.ground_truth,
             estimate=self.estimate,
@@ -82,7 +102,21 @@ class Report:
 
     def render(self, summary: Mapping[str, Any]) -> str:
         """Return the page. Without matplotlib it has the tables, and says how to get the rest."""
+        page = shield("the report", lambda: self._page(summary), None, self.say)
+        return self._plain_page(summary) if page is None else page
+
+    def _page(self, summary: Mapping[str, Any]) -> str:
         # Only now, as most of what the page needs is needed for nothing else.
         from trajeval_ros.report.page import page
 
-        return page(self.run(summary))
+        return page(self.run(summary), self.say)
+
+    def _plain_page(self, summary: Mapping[str, Any]) -> str:
+        """The figures and why there is no more, so that no page of an earlier run stays."""
+        said = "".join(f"<p>{html.escape(line)}</p>" for line in self.defects)
+        figures = html.escape(json.dumps(summary, indent=2, default=str))
+        return (
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            "<title>Trajectory evaluation</title></head><body><h1>Trajectory evaluation</h1>\n"
+            f"{said}\n<pre>{figures}</pre></body></html>\n"
+        )

@@ -19,7 +19,7 @@ class Run:
     """Everything the report shows.
 
     ``summary`` and ``parameters`` are the engine's, ``buckets`` are :data:`track.FIELDS` records in
-    time order, ``sources`` say where each trajectory comes from.
+    time order, ``sources`` say where each trajectory comes from, ``defects`` what failed.
     """
 
     summary: Mapping[str, Any]
@@ -27,6 +27,7 @@ class Run:
     sources: Mapping[str, str]
     notices: tuple[Notice, ...]
     causes: tuple[Cause, ...]
+    defects: tuple[str, ...]
     buckets: Records
     ground_truth: Coverage
     estimate: Coverage
