@@ -8,6 +8,7 @@ import json
 import math
 import os
 import re
+import resource
 import subprocess
 import sys
 from collections.abc import Callable
@@ -234,6 +235,20 @@ def test_output_that_cannot_be_written(run: tuple[Path, Path], tmp_path: Path) -
     (tmp_path / "file").touch()
     line = refused(evaluate("tum", *run, "--output", tmp_path / "file"))
     assert "cannot write the output folder" in line
+
+
+def test_a_full_disk_costs_what_does_not_fit(run: tuple[Path, Path], tmp_path: Path) -> None:
+    limit = resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY)
+    result = evaluate(
+        "tum", *run, "--output", tmp_path / "out", preexec_fn=lambda: resource.setrlimit(*limit)
+    )
+    assert result.returncode == 1
+    assert "ATE" in result.stdout
+    assert f"Written: summary.json in {tmp_path / 'out'}" in result.stdout
+    poses, report = result.stderr.splitlines()
+    assert re.match(r"evaluate: error: .*poses\.csv lacks [\d,]+ poses.*File too large", poses)
+    assert re.match(r"evaluate: error: cannot write .*report\.html: File too large", report)
+    assert sorted(os.listdir(tmp_path / "out")) == ["poses.csv", "summary.json"]
 
 
 def replaced(line: str, column: int, text: str) -> str:

@@ -6,6 +6,9 @@ import csv
 import dataclasses
 import json
 import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -210,3 +213,130 @@ def test_summary_and_rows_are_safe_when_the_report_fails(tmp_path: Path) -> None
         with pytest.raises(RuntimeError, match="no picture"):
             folder.write({}, render)
     assert sorted(os.listdir(tmp_path)) == ["poses.csv", "summary.json"]
+
+
+def test_what_cannot_be_written_keeps_nothing_else_from_it(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").mkdir()
+    with OutputFolder(tmp_path) as folder:
+        folder.add(make_rows(2))
+        with pytest.raises(OutputError) as caught:
+            folder.write({}, lambda summary: "whole", last=True)
+    assert list(caught.value.failures) == ["summary.json"]
+    assert not caught.value.full
+    assert len(read_rows(tmp_path)) == 2
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "whole"
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_the_last_rows_are_the_stream_itself(tmp_path: Path, count: int) -> None:
+    (tmp_path / "other").touch()
+    with OutputFolder(tmp_path) as folder:
+        folder.add(make_rows(count))
+        (stream,) = tmp_path.glob(".poses-*")
+        inode = stream.stat().st_ino
+        folder.write({}, last=True)
+    assert (tmp_path / "poses.csv").stat().st_ino == inode
+    assert (tmp_path / "poses.csv").stat().st_mode == (tmp_path / "other").stat().st_mode
+    assert len(read_rows(tmp_path)) == count
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_the_last_write_survives_a_folder_that_was_removed(tmp_path: Path) -> None:
+    with OutputFolder(tmp_path / "run") as folder:
+        folder.add(make_rows(3))
+        shutil.rmtree(folder.path)
+        folder.write({}, last=True)
+        assert len(read_rows(folder.path)) == 3
+
+
+LIMITED = """
+import os, resource, sys
+from test_output import make_rows, part, OutputError, OutputFolder
+rows = make_rows(200)
+with OutputFolder(sys.argv[1]) as folder:
+    folder.add(part(rows, slice(0, 20)))
+    room = os.stat(folder._stream.name).st_size + 100
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+    try:
+        folder.add(part(rows, slice(20, 150)))
+    except OutputError as error:
+        assert error.full
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    folder.add(part(rows, slice(150, 200)))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+    for last in (False, True):
+        try:
+            folder.write({"a": 1}, lambda summary: "x" * 2 * room, last=last)
+        except OutputError as error:
+            assert error.full
+            print(*error.failures)
+            print(*error.lines, sep="\\n", file=sys.stderr)
+print(len(os.listdir("/proc/self/fd")))
+"""
+
+
+def python(code: str, *arguments: object) -> subprocess.Popen[str]:
+    root = Path(__file__).resolve().parents[2]
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_a_full_disk_loses_what_does_not_fit_and_that_is_named(tmp_path: Path) -> None:
+    child = python(LIMITED, tmp_path)
+    out, err = child.communicate()
+    assert child.returncode == 0, err
+    # The copy does not fit while the run goes on; the stream itself does at the end.
+    assert out.splitlines()[:2] == ["poses.csv report.html"] * 2
+    assert "report.html: File too large" in err
+    assert "poses.csv: File too large" in err
+    assert "poses.csv lacks 130 poses" in err
+    # Three standard ones, and the one that lists them.
+    assert out.splitlines()[2] == "4"
+    rows = make_rows(200)
+    kept = np.concatenate([rows.stamps[:20], rows.stamps[150:]])
+    assert [int(row["stamp_ns"]) for row in read_rows(tmp_path)] == kept.tolist()
+    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1}
+    assert sorted(os.listdir(tmp_path)) == ["poses.csv", "summary.json"]
+
+
+KILLED = """
+import sys, time
+from test_output import make_rows, OutputFolder
+def render(summary):
+    print("rendering", flush=True)
+    sys.stdin.read()
+with OutputFolder(sys.argv[1]) as folder:
+    folder.add(make_rows(4))
+    folder.write({"run": 1}, lambda summary: "first")
+    folder.write({"run": 2}, render)
+"""
+
+
+def test_a_killed_run_leaves_whole_files_and_the_next_one_tidies_up(tmp_path: Path) -> None:
+    root = Path(__file__).resolve().parents[2]
+    child = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == "rendering\n"
+    while_it_lives = sorted(tmp_path.glob(".*.partial"))
+    assert len(while_it_lives) == 2
+    with OutputFolder(tmp_path):
+        assert set(while_it_lives) < set(tmp_path.glob(".*.partial"))
+    child.kill()
+    child.communicate()
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "first"
+    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"run": 2}
+    assert len(read_rows(tmp_path)) == 4
+    with OutputFolder(tmp_path):
+        assert not set(while_it_lives) & set(tmp_path.glob(".*.partial"))
+    assert sorted(os.listdir(tmp_path)) == ["poses.csv", "report.html", "summary.json"]

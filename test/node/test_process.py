@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import signal
 import stat
 from dataclasses import replace
@@ -213,6 +214,24 @@ def test_a_folder_that_cannot_be_written_is_said_and_survived(graph: Graph, tmp_
     graph.until_health("performance", "of a core", level=0)
     assert summary_in(tmp_path / "file" / "out")["estimate"]["received"] == counts[1]
     assert node.end() == 0
+
+
+@pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="the limit stands for a full disk")
+def test_a_full_disk_at_the_end_costs_what_does_not_fit(graph: Graph, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    node = graph.start_evaluator(output__directory=str(out), **FIXED)
+    counts = play(graph)
+    graph.until_accounted("estimate", counts[1])
+    graph.until_accounted("ground_truth", counts[0])
+    resource.prlimit(node.child.pid, resource.RLIMIT_FSIZE, (12_000, resource.RLIM_INFINITY))
+    assert node.end() == 1
+    assert sorted(os.listdir(out)) == ["poses.csv", "summary.json"]
+    summary = summary_in(out)
+    assert summary["estimate"]["received"] == counts[1]
+    assert f"{counts[1]} estimates received, {summary['estimate']['evaluated']}" in node.output
+    assert "conventional: ATE" in node.output
+    assert "report.html: File too large" in node.output
+    assert "Traceback" not in node.output
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")

@@ -16,7 +16,7 @@ Score an estimated trajectory against ground truth, from files. Reference first,
 The figures are those of the node evaluator on the same data."""
 
 EPILOG = """\
-exit codes: 0 done; 1 the data could not be evaluated; 2 wrong usage"""
+exit codes: 0 done; 1 the data could not be evaluated, or a file not be written; 2 wrong usage"""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def evaluate(arguments: argparse.Namespace) -> int:
     """Read, feed the engine, write, print."""
     from trajeval_ros.commands import figures, inputs, settings
-    from trajeval_ros.files.output import OutputError, OutputFolder
+    from trajeval_ros.files.output import FILES, OutputError, OutputFolder
     from trajeval_ros.report import Report
 
     parameters = settings.read(arguments.params, arguments.assignments)
@@ -66,14 +66,21 @@ def evaluate(arguments: argparse.Namespace) -> int:
     sources = {"ground truth": data.ground_truth.source, "estimate": data.estimate.source}
     output = arguments.output or parameters["output.directory"]
     report = Report(parameters, sources)
-    try:
-        with contextlib.ExitStack() as stack:
+    failures: dict[str, str] = {}
+    with contextlib.ExitStack() as stack:
+        folder = None
+        try:
             folder = stack.enter_context(OutputFolder(str(output))) if output else None
-            summary, places = scoring.score(data, parameters, report, folder)
+        except OutputError as error:
+            if not error.full:
+                raise console.CommandError(str(error)) from error
+            failures = dict.fromkeys(FILES, str(error))
+        summary, places = scoring.score(data, parameters, report, folder)
+        try:
             if folder is not None:
-                folder.write(summary, report.render)
-    except OutputError as error:
-        raise console.CommandError(str(error)) from error
+                folder.write(summary, report.render, last=True)
+        except OutputError as error:
+            failures = error.failures
 
     print(f"{sources['estimate']} against {sources['ground truth']}\n")
     print("\n".join(figures.summary_lines(summary, parameters)))
@@ -86,9 +93,13 @@ def evaluate(arguments: argparse.Namespace) -> int:
     remarks += [f"error: {line}" for line in report.defects]
     if remarks:
         print("\n" + "\n".join(remarks))
-    if folder is not None:
-        print(f"\nWritten: summary.json, poses.csv, report.html in {folder.path}")
-    return console.DONE
+    written = [name for name in FILES if name not in failures]
+    if folder is not None and written:
+        print(f"\nWritten: {', '.join(written)} in {folder.path}")
+    sys.stdout.flush()
+    for line in dict.fromkeys(failures.values()):
+        console.fail("evaluate", line, console.NOT_EVALUATED)
+    return console.NOT_EVALUATED if failures else console.DONE
 
 
 if __name__ == "__main__":

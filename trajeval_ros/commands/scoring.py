@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import SECOND, Inputs
-from trajeval_ros.files.output import OutputFolder
+from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.metrics.gauge import GAUGES
 from trajeval_ros.metrics.umeyama import Gauge
@@ -62,7 +63,9 @@ def score(
             report.add(results)
             poses.add(results)
             if folder is not None:
-                folder.add(results.evaluations)
+                # The folder says at the end what it has not got.
+                with contextlib.suppress(OutputError):
+                    folder.add(results.evaluations)
             done += len(results.evaluations.stamps)
             progress.update(done)
     report.notices = engine.notices()

@@ -9,6 +9,9 @@ at all.
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import fcntl
 import json
 import os
 import tempfile
@@ -47,8 +50,31 @@ _HEADER = ",".join(COLUMNS) + "\n"
 _PATIENCE = 20
 
 
+FILES = ("summary.json", "poses.csv", "report.html")
+"""What is written, in this order."""
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_LEFTOVERS = (".poses-*.csv.partial", *(f".{name}.*.partial" for name in FILES))
+
+
 class OutputError(Exception):
-    """The output folder cannot be written; the message, one line, names path and reason."""
+    """The output folder cannot be written; the message, one line, names path and reason.
+
+    ``failures``: a line for each file that could not be written (or not all of it); the others
+    are. Empty if it is the folder. ``full``: whether it is only that the disk is.
+    """
+
+    def __init__(
+        self, message: str, failures: Mapping[str, str] | None = None, full: bool = False
+    ) -> None:
+        super().__init__(message)
+        self.failures = dict(failures or {})
+        self.full = full
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The message, a line for each file."""
+        return tuple(self.failures.values()) or (str(self),)
 
 
 def format_rows(evaluations: Evaluations) -> str:
@@ -88,77 +114,127 @@ class OutputFolder:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path).expanduser().absolute()
-        self._stream: IO[str] = self._open()
+        # Rows that the stream has not got, and why.
+        self._lost = 0
+        self._why_lost = ""
+        self._size = 0
+        self._handed_over = False
+        self._stream: IO[bytes] = self._open()
 
-    def _open(self) -> IO[str]:
+    def _open(self) -> IO[bytes]:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
+            # Unbuffered: what a full disk does not take is known at once, and given up at once.
             stream = tempfile.NamedTemporaryFile(  # noqa: SIM115 (closed by close)
-                "w+",
-                encoding="utf-8",
-                newline="",
+                "w+b",
+                buffering=0,
                 dir=self.path,
                 prefix=".poses-",
                 suffix=".csv.partial",
                 delete=False,
             )
         except OSError as error:
-            raise self._refused(error) from error
-        stream.write(_HEADER)
+            where = error.filename or self.path
+            raise OutputError(_refused(where, error), full=error.errno in _FULL) from error
+        _lock(stream.fileno())
+        self._remove_leftovers()
         return stream
 
-    def _refused(self, error: OSError) -> OutputError:
-        where = error.filename or self.path
-        return OutputError(f"cannot write the output folder: {where}: {error.strerror or error}")
+    def _remove_leftovers(self) -> None:
+        """Remove what killed runs have left: those of living ones are locked."""
+        for pattern in _LEFTOVERS:
+            for path in self.path.glob(pattern):
+                with contextlib.suppress(OSError), path.open("rb") as file:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink()
 
     def add(self, evaluations: Evaluations) -> None:
-        """Append one row an evaluated pose."""
+        """Append one row an evaluated pose. Of rows that cannot be, :meth:`write` tells later."""
         if len(evaluations.stamps) == 0:
             return
-        rows = format_rows(evaluations)
         try:
-            self._stream.write(rows)
+            self._append(format_rows(evaluations))
         except OSError as error:
-            raise self._refused(error) from error
+            self._lost += len(evaluations.stamps)
+            self._why_lost = error.strerror or str(error)
+            raise OutputError(
+                _refused(self.path / "poses.csv", error), full=error.errno in _FULL
+            ) from error
+
+    def _append(self, text: str) -> None:
+        """Append to the stream the whole text, or nothing."""
+        data = ((_HEADER if self._size == 0 else "") + text).encode("utf-8")
+        position = self._size
+        try:
+            while data:
+                written = os.pwrite(self._stream.fileno(), data, position)
+                position, data = position + written, data[written:]
+        except OSError:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._stream.fileno(), self._size)
+            raise
+        self._size = position
 
     def clear(self) -> None:
         """Forget the rows so far. Files already written stay until the next :meth:`write`."""
+        self._lost = self._size = 0
         try:
-            self._stream.seek(0)
-            self._stream.truncate()
-            self._stream.write(_HEADER)
+            os.ftruncate(self._stream.fileno(), 0)
         except OSError as error:
-            raise self._refused(error) from error
+            raise OutputError(_refused(self.path, error)) from error
 
-    def write(self, summary: Summary, report: Callable[[Summary], str] | None = None) -> None:
-        """Write ``poses.csv``, complete to this moment, ``summary.json`` and ``report.html``.
+    def write(
+        self,
+        summary: Summary,
+        report: Callable[[Summary], str] | None = None,
+        *,
+        last: bool = False,
+    ) -> None:
+        """Write ``summary.json``, ``poses.csv``, complete to this moment, and ``report.html``.
 
         ``report`` (without it there is no ``report.html``) is called with the summary, after the
-        two other files are safe. May be called again and again. A KeyboardInterrupt restarts the
-        file it fell into, and is raised once all files are written: ``ros2 launch`` sends SIGINT
-        twice.
+        two other files are safe. May be called again and again, but not after the ``last`` time,
+        for which no copy of the rows is made. A file that cannot be written does not keep the next
+        ones from it. A KeyboardInterrupt restarts the file it fell into, and is raised once all
+        files are written: ``ros2 launch`` sends SIGINT twice.
         """
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
-        steps: list[Callable[[], None]] = [
-            lambda: self._replace("poses.csv", self._copy_rows),
-            lambda: self._replace("summary.json", lambda file: _put(file, text)),
-        ]
+        steps: dict[str, Callable[[], None]] = {
+            "summary.json": lambda: self._replace("summary.json", lambda file: _put(file, text)),
+            "poses.csv": self._hand_over
+            if last
+            else lambda: self._replace("poses.csv", self._copy_rows),
+        }
         if report is not None:
-            steps.append(
-                lambda: self._replace("report.html", lambda file: _put(file, report(summary)))
+            steps["report.html"] = lambda: self._replace(
+                "report.html", lambda file: _put(file, report(summary))
             )
+        failures: dict[str, str] = {}
+        full = True
         interrupt: KeyboardInterrupt | None = None
-        for step in steps:
+        for name, step in steps.items():
             for attempt in range(_PATIENCE):
                 try:
                     step()
+                    break
+                except OSError as error:
+                    failures[name] = _refused(self.path / name, error)
+                    full = full and error.errno in _FULL
                     break
                 except KeyboardInterrupt as error:
                     if attempt == _PATIENCE - 1:
                         raise
                     interrupt = error
+        if self._lost and "poses.csv" not in failures:
+            failures["poses.csv"] = (
+                f"{self.path / 'poses.csv'} lacks {self._lost:,} poses, which could not be written"
+                f" when they came: {self._why_lost}"
+            )
         if interrupt is not None:
             raise interrupt
+        if failures:
+            failures = {name: failures[name] for name in FILES if name in failures}
+            raise OutputError("; ".join(failures.values()), failures, full)
 
     def _replace(self, name: str, fill: Callable[[IO[bytes]], None]) -> None:
         """Fill a temporary file and rename it: a reader sees the old file or the new one."""
@@ -167,37 +243,58 @@ class OutputFolder:
             # Somebody may have removed the folder since.
             self.path.mkdir(parents=True, exist_ok=True)
             with partial.open("wb") as file:
+                _lock(file.fileno())
                 fill(file)
             partial.replace(self.path / name)
-        except OSError as error:
-            raise self._refused(error) from error
         finally:
-            partial.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                partial.unlink(missing_ok=True)
 
     def _copy_rows(self, file: IO[bytes]) -> None:
-        self._stream.flush()
-        # pread leaves the position where the next row goes.
-        descriptor, position = self._stream.fileno(), 0
-        while block := os.pread(descriptor, 1 << 20, position):
+        if self._size == 0:
+            _put(file, _HEADER)
+        # pread leaves the position alone.
+        position = 0
+        while block := os.pread(self._stream.fileno(), 1 << 20, position):
             file.write(block)
             position += len(block)
+
+    def _hand_over(self) -> None:
+        """Make the stream file ``poses.csv``: needs no room, as a copy does."""
+        if self._handed_over:
+            return
+        if self._size == 0:
+            self._append("")
+        name = Path(self._stream.name)
+        if not name.exists():
+            # The folder was removed since: the rows are there as long as the stream is open.
+            self._replace("poses.csv", self._copy_rows)
+            return
+        name.chmod(0o666 & ~_umask())
+        name.replace(self.path / "poses.csv")
+        self._handed_over = True
 
     def move(self, path: str | os.PathLike[str]) -> OutputFolder:
         """Return a folder at ``path`` that has the rows so far, and close this one."""
         moved = OutputFolder(path)
         try:
-            moved._stream.seek(0)
-            moved._stream.truncate()
-            self._copy_rows(moved._stream.buffer)  # type: ignore[attr-defined]
+            if self._size:
+                # Buffered, as a write to the bare file may stop halfway.
+                with open(os.dup(moved._stream.fileno()), "wb") as file:
+                    self._copy_rows(file)
         except OSError as error:
-            raise moved._refused(error) from error
+            moved.close()
+            raise OutputError(_refused(moved.path, error), full=error.errno in _FULL) from error
+        moved._size, moved._lost, moved._why_lost = self._size, self._lost, self._why_lost
         self.close()
         return moved
 
     def close(self) -> None:
         """Close and remove the stream file. Does not write; may be called twice."""
         self._stream.close()
-        Path(self._stream.name).unlink(missing_ok=True)
+        if not self._handed_over:
+            with contextlib.suppress(OSError):
+                Path(self._stream.name).unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
         return self
@@ -213,3 +310,20 @@ class OutputFolder:
 
 def _put(file: IO[bytes], text: str) -> None:
     file.write(text.encode("utf-8"))
+
+
+def _refused(where: object, error: OSError) -> str:
+    return f"cannot write the output folder: {where}: {error.strerror or error}"
+
+
+def _lock(descriptor: int) -> None:
+    """Show that a living process writes the file; not every file system can."""
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _umask() -> int:
+    # There is no other way to read it.
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

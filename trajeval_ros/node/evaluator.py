@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
-from trajeval_ros.node.figures import STATUSES, flatten
+from trajeval_ros.node.figures import STATUSES, flatten, summary_lines
 from trajeval_ros.node.inputs import BATCH, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
@@ -106,18 +106,23 @@ class Evaluator(Node):
         return self._schedule.run()
 
     def close(self) -> bool:
-        """Evaluate what is left, write the output folder; say whether that could be done."""
+        """Evaluate what is left, write the output folder; say whether that could be done.
+
+        The figures are logged as well, in a few lines: the disk may be full.
+        """
         self._take_all()
         self._publish(self._session.finish())
         self._publish_metrics(refresh=True)
-        written = self._save() is not None
+        for line in summary_lines(self._session.figures()):
+            self.get_logger().info(line)
+        written = self._save(last=True) is not None
         self._outputs.flush(_PARTING)
         self._session.close()
         return written
 
     def rescue(self) -> None:
         """Write the output folder as it is, because something has gone wrong."""
-        shield("the rescue", self._save, None, self._say_defect)
+        shield("the rescue", lambda: self._save(last=True), None, self._say_defect)
         self._session.close()
 
     # -------------------------------------------------------------- periodic work, services
@@ -306,7 +311,8 @@ class Evaluator(Node):
             copy = self._session.archive()
             kept = f"; the run so far is in {copy}" if copy else ""
         except OutputError as error:
-            self.get_logger().error(str(error))
+            for line in error.lines:
+                self.get_logger().error(line)
         self.get_logger().warning(f"{why}: starting over{kept}")
         self._reset()
 
@@ -322,12 +328,13 @@ class Evaluator(Node):
             each.reset()
         self._monitor.reset()
 
-    def _save(self) -> str | None:
+    def _save(self, *, last: bool = False) -> str | None:
         """Write the output folder; its path, an empty string if there is none, None on failure."""
         try:
-            path = self._session.save()
+            path = self._session.save(last=last)
         except OutputError as error:
-            self.get_logger().error(str(error))
+            for line in error.lines:
+                self.get_logger().error(line)
             return None
         finally:
             self._log_defects()

@@ -44,3 +44,28 @@ def _alignment(alignment: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield f"alignment_{name}", repr(float(value))
     if alignment["scale"] is not None:
         yield "alignment_scale", repr(float(alignment["scale"]))
+
+
+def summary_lines(figures: Mapping[str, Any]) -> list[str]:
+    """Return the figures of a whole run in a few lines for the log."""
+    estimate = figures["estimate"]
+    lines = [f"{estimate['received']:,} estimates received, {estimate['evaluated']:,} evaluated"]
+    for name in ("relative", "absolute"):
+        lines.append(
+            f"{name} error: log-likelihood {_short(figures[name].get('log_likelihood'))} nats,"
+            f" chi2/dof {_short(figures[name].get('chi2_per_dof'))},"
+            f" RMSE {_short(figures[name].get('translation_rmse'))} m"
+            f" and {_short(figures[name].get('rotation_rmse'))} rad"
+        )
+    conventional = figures["conventional"]
+    lines.append(
+        f"conventional: ATE {_short(conventional.get('ate_translation_rmse'))} m"
+        f" and {_short(conventional.get('ate_rotation_rmse'))} rad,"
+        f" RE {_short(conventional.get('re_translation_rmse'))} m"
+        f" and {_short(conventional.get('re_rotation_rmse'))} rad"
+    )
+    return lines
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

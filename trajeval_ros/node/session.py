@@ -4,21 +4,20 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from trajeval_ros.files.output import OutputError, OutputFolder
+from trajeval_ros.files.output import FILES, OutputError, OutputFolder
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
 from trajeval_ros.report.causes import Cause
-
-_FILES = ("summary.json", "poses.csv", "report.html")
 
 UNDECODABLE = "undecodable"
 """Why a message is rejected that the engine never sees."""
@@ -136,13 +135,15 @@ class Session:
                 self.error = str(error)
         return results
 
-    def save(self) -> Path | None:
+    def save(self, *, last: bool = False) -> Path | None:
         """Write the output folder and return it; None where there is none to write.
+
+        After the ``last`` time nothing more is evaluated.
 
         Raises
         ------
         OutputError
-            If it cannot be written.
+            If some of it cannot be written; the rest is.
         """
         if not self._directory:
             return None
@@ -154,7 +155,9 @@ class Session:
         causes = [asdict(cause) for cause in self._causes]
         self._report.notices = self.engine.notices()
         try:
-            folder.write({**self.summary(), "likely_causes": causes}, self._report.render)
+            folder.write(
+                {**self.summary(), "likely_causes": causes}, self._report.render, last=last
+            )
         except OutputError as error:
             self.error = str(error)
             raise
@@ -164,21 +167,30 @@ class Session:
     def archive(self) -> Path | None:
         """Write the output folder and keep a copy, which the next run does not overwrite.
 
-        Returns the copy, ``run_1``, ``run_2``, ... in the folder. Raises OutputError.
+        Returns the copy, ``run_1``, ``run_2``, ... in the folder. Raises OutputError if it, or a
+        part of it, cannot be written.
         """
-        saved = self.save()
+        failures: dict[str, str] = {}
+        try:
+            saved = self.save()
+        except OutputError as error:
+            if self._folder is None:
+                raise
+            saved, failures = self._folder.path, error.failures
         if saved is None:
             return None
         self._finished_runs += 1
         copy = saved / f"run_{self._finished_runs}"
         try:
             copy.mkdir(exist_ok=True)
-            for name in _FILES:
-                if (saved / name).exists():
-                    shutil.copyfile(saved / name, copy / name)
+            for name in FILES:
+                if name not in failures and (saved / name).exists():
+                    _keep(saved / name, copy / name)
         except OSError as error:
-            self.error = f"cannot write {copy}: {error.strerror or error}"
-            raise OutputError(self.error) from error
+            failures[copy.name] = f"cannot write {copy}: {error.strerror or error}"
+        if failures:
+            self.error = "; ".join(failures.values())
+            raise OutputError(self.error, failures)
         return copy
 
     def reset(self) -> None:
@@ -230,6 +242,15 @@ class Session:
         if self._folder is not None:
             self._folder.close()
             self._folder = None
+
+
+def _keep(path: Path, kept: Path) -> None:
+    """Keep a file that is only ever replaced: by a second name for it, which needs no room."""
+    kept.unlink(missing_ok=True)
+    try:
+        os.link(path, kept)
+    except OSError:
+        shutil.copyfile(path, kept)
 
 
 def _with_undecodable(health: TopicHealth, count: int) -> TopicHealth:
