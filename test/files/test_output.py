@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The output folder: what is in it, when, and what a reader may rely on."""
 
+import contextlib
 import csv
 import dataclasses
 import json
@@ -9,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -302,6 +304,45 @@ def test_a_full_disk_loses_what_does_not_fit_and_that_is_named(tmp_path: Path) -
     assert [int(row["stamp_ns"]) for row in read_rows(tmp_path)] == kept.tolist()
     assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1}
     assert sorted(os.listdir(tmp_path)) == ["poses.csv", "summary.json"]
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 200 kB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    if os.geteuid() != 0:
+        pytest.skip("only root may mount a small file system")
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", folder], capture_output=True
+    )
+    if mounted.returncode:
+        pytest.skip(f"no small file system can be mounted: {mounted.stderr.decode().strip()}")
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+def test_the_summary_has_room_on_a_disk_that_the_rows_have_filled(small_disk: Path) -> None:
+    rows = make_rows(2000)
+    with OutputFolder(small_disk) as folder:
+        for begin in range(0, 2000, 100):
+            with contextlib.suppress(OutputError):
+                folder.add(part(rows, slice(begin, begin + 100)))
+        for last in (False, True):
+            with pytest.raises(OutputError) as caught:
+                folder.write({"text": "x" * 9000}, lambda summary: "x" * 300_000, last=last)
+            assert caught.value.full
+            assert list(caught.value.failures) == ["poses.csv", "report.html"]
+    assert (
+        len(json.loads((small_disk / "summary.json").read_text(encoding="utf-8"))["text"]) == 9000
+    )
+    kept = [int(row["stamp_ns"]) for row in read_rows(small_disk)]
+    assert kept == rows.stamps[: len(kept)].tolist()
+    lost = f"lacks {2000 - len(kept):,} poses"
+    assert lost in caught.value.failures["poses.csv"]
+    # All that fits: the summary takes the room that was kept for it.
+    assert (small_disk / "poses.csv").stat().st_size > 150_000
+    assert sorted(os.listdir(small_disk)) == ["poses.csv", "summary.json"]
 
 
 KILLED = """

@@ -14,6 +14,7 @@ import data
 import numpy as np
 import pytest
 
+from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import evaluator
 from trajeval_ros.node.clock import StampClock
 from trajeval_ros.node.session import Session
@@ -151,6 +152,47 @@ def test_likely_causes_are_saved(tmp_path: Path) -> None:
     run.reset()
     assert run.causes == ()
     run.close()
+
+
+def test_a_defect_in_the_search_for_causes_costs_the_causes_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*arguments: object) -> None:
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr("trajeval_ros.report.report.likely_causes", broken)
+    run = session(output__directory=str(tmp_path))
+    run.feed(*data.run(5.0))
+    run.finish()
+    run.look_for_causes()
+    assert run.save() == tmp_path
+    (line,) = run.defects
+    assert line.startswith("the search for likely causes failed: ZeroDivisionError: a defect (")
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert summary["likely_causes"] == []
+    assert summary["estimate"]["evaluated"] > 0
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").count("a defect") == 1
+    run.close()
+
+
+def test_an_archive_keeps_what_was_written_and_not_what_comes_later(tmp_path: Path) -> None:
+    run = session(output__directory=str(tmp_path))
+    # A file that cannot be written keeps the others neither from the folder nor from the archive.
+    (tmp_path / "report.html").mkdir()
+    run.feed(*data.run(5.0))
+    run.finish()
+    with pytest.raises(OutputError, match=r"report\.html"):
+        run.archive()
+    kept = tmp_path / "run_1"
+    assert sorted(path.name for path in kept.iterdir()) == ["poses.csv", "summary.json"]
+    rows = (kept / "poses.csv").read_text(encoding="utf-8")
+    assert rows.count("\n") > 50
+    (tmp_path / "report.html").rmdir()
+    run.reset()
+    assert run.save(last=True) == tmp_path
+    run.close()
+    assert (kept / "poses.csv").read_text(encoding="utf-8") == rows
+    assert (tmp_path / "poses.csv").read_text(encoding="utf-8").count("\n") == 1
 
 
 # Fast batches for half a second, slow ones until the queue must be empty.

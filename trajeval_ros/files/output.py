@@ -53,6 +53,8 @@ _PATIENCE = 20
 FILES = ("summary.json", "poses.csv", "report.html")
 """What is written, in this order."""
 
+# More than a summary takes, bytes.
+_RESERVE = 1 << 15
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LEFTOVERS = (".poses-*.csv.partial", *(f".{name}.*.partial" for name in FILES))
 
@@ -120,6 +122,13 @@ class OutputFolder:
         self._size = 0
         self._handed_over = False
         self._stream: IO[bytes] = self._open()
+        # An unlinked file that keeps room for the summary while the rows fill the disk.
+        self._reserve: IO[bytes] | None = None
+        with contextlib.suppress(OSError):
+            self._reserve = tempfile.TemporaryFile(  # noqa: SIM115 (closed by close)
+                buffering=0, dir=self.path
+            )
+        self._keep_room()
 
     def _open(self) -> IO[bytes]:
         try:
@@ -148,6 +157,20 @@ class OutputFolder:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     path.unlink()
 
+    def _keep_room(self) -> None:
+        if self._reserve is not None:
+            with contextlib.suppress(OSError):
+                os.posix_fallocate(self._reserve.fileno(), 0, _RESERVE)
+
+    def _replace_summary(self, text: str) -> None:
+        if self._reserve is not None:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._reserve.fileno(), 0)
+        try:
+            self._replace("summary.json", lambda file: _put(file, text))
+        finally:
+            self._keep_room()
+
     def add(self, evaluations: Evaluations) -> None:
         """Append one row an evaluated pose. Of rows that cannot be, :meth:`write` tells later."""
         if len(evaluations.stamps) == 0:
@@ -155,25 +178,28 @@ class OutputFolder:
         try:
             self._append(format_rows(evaluations))
         except OSError as error:
-            self._lost += len(evaluations.stamps)
             self._why_lost = error.strerror or str(error)
             raise OutputError(
                 _refused(self.path / "poses.csv", error), full=error.errno in _FULL
             ) from error
 
     def _append(self, text: str) -> None:
-        """Append to the stream the whole text, or nothing."""
+        """Append to the stream, of lines that do not all fit those that do; the rest is counted."""
         data = ((_HEADER if self._size == 0 else "") + text).encode("utf-8")
-        position = self._size
+        written = 0
         try:
-            while data:
-                written = os.pwrite(self._stream.fileno(), data, position)
-                position, data = position + written, data[written:]
+            while written < len(data):
+                position = self._size + written
+                written += os.pwrite(self._stream.fileno(), data[written:], position)
         except OSError:
+            written = data.rfind(b"\n", 0, written) + 1
+            rest = data[written:].count(b"\n")
+            self._lost += min(rest, text.count("\n"))
             with contextlib.suppress(OSError):
-                os.ftruncate(self._stream.fileno(), self._size)
+                os.ftruncate(self._stream.fileno(), self._size + written)
             raise
-        self._size = position
+        finally:
+            self._size += written
 
     def clear(self) -> None:
         """Forget the rows so far. Files already written stay until the next :meth:`write`."""
@@ -200,7 +226,7 @@ class OutputFolder:
         """
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         steps: dict[str, Callable[[], None]] = {
-            "summary.json": lambda: self._replace("summary.json", lambda file: _put(file, text)),
+            "summary.json": lambda: self._replace_summary(text),
             "poses.csv": self._hand_over
             if last
             else lambda: self._replace("poses.csv", self._copy_rows),
@@ -292,6 +318,8 @@ class OutputFolder:
     def close(self) -> None:
         """Close and remove the stream file. Does not write; may be called twice."""
         self._stream.close()
+        if self._reserve is not None:
+            self._reserve.close()
         if not self._handed_over:
             with contextlib.suppress(OSError):
                 Path(self._stream.name).unlink(missing_ok=True)
