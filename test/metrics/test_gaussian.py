@@ -64,6 +64,16 @@ def test_units_do_not_matter():
     assert not is_indefinite(np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])[None]).any()
 
 
+@pytest.mark.parametrize("value", [1e20, 1e160, 1e308, -1e308])
+def test_wild_entries_are_indefinite(value):
+    covariance = np.tile(1e-4 * np.eye(6), (3, 1, 1))
+    covariance[0, 1, 4] = covariance[0, 4, 1] = value
+    covariance[1, 2, 3] = value
+    covariance[2, 5, 5] = -abs(value)
+    assert is_indefinite(covariance).all()
+    assert not is_indefinite(abs(value) * np.eye(6)[None]).any()
+
+
 def test_a_consistent_estimator_scores_one():
     rng = np.random.default_rng(1)
     truth = walk(rng, 2000)

@@ -71,7 +71,10 @@ def is_indefinite(covariance: Array) -> npt.NDArray[np.bool_]:
     """
     diagonal = np.einsum("mii->mi", covariance)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = scale[:, :, None] * covariance * scale[:, None, :]
+    with np.errstate(over="ignore"):
+        scaled = scale[:, :, None] * covariance * scale[:, None, :]
+    # An entry beyond 1 says it all; the eigenvalues of a huge one need not converge.
+    scaled = np.clip(scaled, -2.0, 2.0)
     asymmetry = np.abs(scaled - scaled.swapaxes(-1, -2)).max(axis=(-1, -2), initial=0.0)
     smallest = np.linalg.eigvalsh(0.5 * (scaled + scaled.swapaxes(-1, -2))).min(
         axis=-1, initial=0.0
