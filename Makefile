@@ -136,6 +136,16 @@ format: install
 bench: install
 	@.venv/bin/python -m benchmarks
 
+# make fuzz SEED=7 CASES=2000; make soak HOURS=2
+SEED  ?= 1
+CASES ?= 400
+HOURS ?= 24
+
+## fuzz: damaged files, bags, messages and parameters (SEED, CASES); repeat one: see CONTRIBUTING.md
+.PHONY: fuzz
+fuzz: install
+	@.venv/bin/python -m fuzz --seed $(SEED) --cases $(CASES)
+
 ## colcon: colcon build and colcon test, as on a ROS machine, with colcon from PyPI
 .PHONY: colcon
 colcon: .venv-colcon/.installed
@@ -148,7 +158,7 @@ colcon: .venv-colcon/.installed
 .PHONY: clean
 clean:
 	rm -rf .venv .venv-noble .venv-colcon build install log *.egg-info \
-		.hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+		fuzz-failures .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 ## help: this list

@@ -37,7 +37,7 @@ def arguments(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 
 def sources() -> list[Path]:
-    directories = ("benchmarks", "launch", "test", "trajeval_ros")
+    directories = ("benchmarks", "fuzz", "launch", "test", "trajeval_ros")
     found = (path for name in directories for path in (ROOT / name).rglob("*.py"))
     return [ROOT / "setup.py", *sorted(found)]
 

@@ -1,0 +1,99 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A few cases of each family; that the oracle sees defects; a short soak."""
+
+from __future__ import annotations
+
+import copy
+import json
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fuzz import __main__ as entry
+from fuzz import oracle
+from trajeval_ros.commands import evaluate
+
+SEED = 1
+NEEDS = {"bags": "rosbags", "cdr": "rclpy"}
+
+
+@pytest.mark.parametrize("family", entry.FAMILIES)
+def test_a_few_cases(family: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if family in NEEDS:
+        pytest.importorskip(NEEDS[family])
+    arguments = ["--seed", str(SEED), "--cases", "10", "--only", family]
+    code = entry.main([*arguments, "--keep", str(tmp_path)])
+    said = capsys.readouterr().out
+    assert code == 0, said
+    row = next(line.split() for line in said.splitlines() if line.startswith(family))
+    assert int(row[1]) == 10
+    assert int(row[2]) > 0, "not one of the cases was evaluated"
+
+
+def test_a_case_is_a_function_of_seed_and_number(tmp_path: Path) -> None:
+    inputs = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        entry.run_case(SEED, 8, folder)
+        files = [path for path in folder.iterdir() if path.suffix in (".txt", ".csv")]
+        inputs.append({path.name: path.read_bytes() for path in files})
+    assert len(inputs[0]) >= 2
+    assert inputs[0] == inputs[1]
+
+
+def run_of(function: Any, monkeypatch: pytest.MonkeyPatch, folder: Path) -> str:
+    monkeypatch.setattr(evaluate, "main", function)
+    with pytest.raises(oracle.Failure) as caught:
+        oracle.evaluate_and_check(["tum", "a", "b"], folder)
+    return str(caught.value)
+
+
+def test_the_oracle_sees_what_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def raises(argv: list[str]) -> int:
+        raise ZeroDivisionError("division by zero")
+
+    def warns(argv: list[str]) -> int:
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+        return 1
+
+    def talks(argv: list[str]) -> int:
+        sys.stderr.write("evaluate: error: one\nevaluate: error: two\n")
+        return 1
+
+    assert "ZeroDivisionError in test_fuzz.py" in run_of(raises, monkeypatch, tmp_path)
+    assert "RuntimeWarning in test_fuzz.py" in run_of(warns, monkeypatch, tmp_path)
+    assert "more than one line" in run_of(talks, monkeypatch, tmp_path)
+    assert run_of(lambda argv: 3, monkeypatch, tmp_path) == "exit code 3"
+    assert "no error" in run_of(lambda argv: 1, monkeypatch, tmp_path)
+
+
+def test_the_oracle_counts(tmp_path: Path) -> None:
+    account = {"received": 3, "evaluated": 1, "used": 1, "pending": 0, "rejected": {"late": 2}}
+    summary: Any = {
+        "estimate": account,
+        "ground_truth": dict(account),
+        "relative": {"log_likelihood": None},
+    }
+    (tmp_path / "poses.csv").write_text("stamp\n1\n", encoding="utf-8")
+    (tmp_path / "report.html").write_text("page", encoding="utf-8")
+
+    def check(changed: Any) -> None:
+        (tmp_path / "summary.json").write_text(json.dumps(changed), encoding="utf-8")
+        oracle._check_output(tmp_path)
+
+    check(summary)
+    for topic, name in (("estimate", "received"), ("ground_truth", "used")):
+        wrong = copy.deepcopy(summary)
+        wrong[topic][name] += 1
+        with pytest.raises(oracle.Failure, match=topic):
+            check(wrong)
+    with pytest.raises(oracle.Failure, match="NaN"):
+        check({**summary, "gauge": float("nan")})
+    likelihood = {"log_likelihood": 1.0, "chi2": 1.0, "log_det": 0.0, "dof": 6}
+    with pytest.raises(oracle.Failure, match="parts"):
+        check({**summary, "relative": likelihood})
