@@ -78,6 +78,14 @@ def test_real_windows(names):
     np.testing.assert_allclose([found.translation_std, found.rotation_std], rms, rtol=0.5)
 
 
+@pytest.mark.parametrize("variance", [1e100, 1e200, 1e300])
+def test_boundless_covariances_have_a_finite_noise(variance):
+    truth, _, estimate = noisy(7, 0.01, 0.01, count=30)
+    covariance = np.tile(variance * np.eye(6), (30, 1, 1))
+    found = noise_of((truth, covariance, estimate))
+    assert np.isfinite([found.translation_std, found.rotation_std]).all()
+
+
 def test_too_few_poses_are_refused():
     truth, covariance, estimate = noisy(5, 0.01, 0.01, count=1)
     alignment = absolute(truth, covariance, estimate).alignment

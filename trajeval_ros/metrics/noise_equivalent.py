@@ -102,6 +102,8 @@ def _evaluate(covariance: Array, jacobian: Array, residual: Array, variance: Arr
 def _scoring_step(variance: Array, at: _Evaluation, information: Array) -> Array:
     """A step of scoring, the variances kept from falling below zero."""
     free = (variance > 0.0) | (at.gradient > 0.0)
+    # Covariances of 1e160 and more leave nothing to be known of the noise, not even its scale.
+    free &= np.diagonal(information) > 0.0
     step = np.zeros(2)
     if free.any():
         step[free] = np.linalg.solve(information[np.ix_(free, free)], at.gradient[free])
