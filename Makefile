@@ -146,6 +146,11 @@ HOURS ?= 24
 fuzz: install
 	@.venv/bin/python -m fuzz --seed $(SEED) --cases $(CASES)
 
+## soak: HOURS of stamps through the node's session at speed: memory, cost a message, accounts
+.PHONY: soak
+soak: install
+	@.venv/bin/python -m fuzz.soak --hours $(HOURS)
+
 ## colcon: colcon build and colcon test, as on a ROS machine, with colcon from PyPI
 .PHONY: colcon
 colcon: .venv-colcon/.installed

@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 
 from fuzz import __main__ as entry
-from fuzz import oracle
+from fuzz import oracle, soak
 from trajeval_ros.commands import evaluate
+from trajeval_ros.node.session import Session
 
 SEED = 1
 NEEDS = {"bags": "rosbags", "cdr": "rclpy"}
@@ -25,12 +26,12 @@ NEEDS = {"bags": "rosbags", "cdr": "rclpy"}
 def test_a_few_cases(family: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if family in NEEDS:
         pytest.importorskip(NEEDS[family])
-    arguments = ["--seed", str(SEED), "--cases", "10", "--only", family]
+    arguments = ["--seed", str(SEED), "--cases", "8", "--only", family]
     code = entry.main([*arguments, "--keep", str(tmp_path)])
     said = capsys.readouterr().out
     assert code == 0, said
     row = next(line.split() for line in said.splitlines() if line.startswith(family))
-    assert int(row[1]) == 10
+    assert int(row[1]) == 8
     assert int(row[2]) > 0, "not one of the cases was evaluated"
 
 
@@ -97,3 +98,35 @@ def test_the_oracle_counts(tmp_path: Path) -> None:
     likelihood = {"log_likelihood": 1.0, "chi2": 1.0, "log_det": 0.0, "dof": 6}
     with pytest.raises(oracle.Failure, match="parts"):
         check({**summary, "relative": likelihood})
+
+
+def test_ten_minutes_of_stamps(tmp_path: Path) -> None:
+    tenths = soak.run(1 / 6, tmp_path)
+    assert len(tenths) == 10
+    # 600 s at 22 Hz, less what the silences hold back.
+    assert 12_500 < sum(tenth.messages for tenth in tenths) < 13_200
+    assert all(tenth.resident > 0 and tenth.state > 0 for tenth in tenths)
+
+
+def test_what_grows_is_named() -> None:
+    def tenths(**last: float) -> list[soak.Tenth]:
+        flat = {"messages": 100, "cpu": 1.0, "resident": 200 << 20, "state": 1 << 20}
+        # The first one warms up.
+        return [soak.Tenth(), *(soak.Tenth(**flat) for _ in range(8)), soak.Tenth(**flat | last)]
+
+    assert soak.judge(tenths()) == []
+    assert soak.judge(tenths(cpu=1.4, resident=202 << 20)) == []
+    (cost,) = soak.judge(tenths(cpu=1.6))
+    assert "1.60 times" in cost
+    (memory,) = soak.judge(tenths(resident=204 << 20))
+    assert memory == "resident memory grew from 200.0 to 204.0 MB"
+    assert len(soak.judge(tenths(state=4 << 20))) == 1
+
+
+def test_a_lost_message_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    feed = Session.feed
+    monkeypatch.setattr(
+        Session, "feed", lambda self, truth, estimate: feed(self, truth[1:], estimate)
+    )
+    with pytest.raises(oracle.Failure, match=r"received \[199, 20\] of \[200, 20\]"):
+        soak.run(1 / 6, tmp_path)
