@@ -41,6 +41,7 @@ _PERIOD = 120.0
 _STDS = (2e-3, 1e-2)
 # As shares of the run: what is left is long enough for what grows to be seen.
 _JUMPS = (0.05, 0.10, 0.60)
+_LOSSES = (0.12, 0.85)
 _MB = 1 << 20
 
 
@@ -169,8 +170,8 @@ def run(hours: float, folder: Path, rates: tuple[float, float] = (20.0, 2.0)) ->
     count = max(round(hours * 3600 / CHUNK), 40)
     soak = Soak(folder / "output", rates, np.random.default_rng(1))
     tenths = [Tenth() for _ in range(10)]
-    jumps = {round(share * count) for share in _JUMPS}
-    every = max(count // 100, 1)
+    jumps, losses = ({round(share * count) for share in shares} for shares in (_JUMPS, _LOSSES))
+    every = max(count // 30, 1)
     for number in range(count):
         tenth = tenths[10 * number // count]
         if number in jumps:
@@ -178,10 +179,8 @@ def run(hours: float, folder: Path, rates: tuple[float, float] = (20.0, 2.0)) ->
         soak.chunk(number, tenth)
         if number % every == every - 1:
             soak.measure(tenth)
-        if number % (count // 5) == count // 5 - 1:
-            soak.save()
-            if number > 0.5 * count:
-                soak.lose_folder()
+        if number in losses:
+            soak.lose_folder()
     soak.session.finish()
     soak.check(soak.session.figures())
     soak.save()
