@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from fuzz.oracle import Failure, check_accounts, require
 from trajeval_ros import se3
+from trajeval_ros.commands.console import Progress
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node.session import Session
 from trajeval_ros.online.parameters import complete
@@ -172,11 +173,13 @@ def run(hours: float, folder: Path, rates: tuple[float, float] = (20.0, 2.0)) ->
     tenths = [Tenth() for _ in range(10)]
     jumps, losses = ({round(share * count) for share in shares} for shares in (_JUMPS, _LOSSES))
     every = max(count // 30, 1)
+    progress = Progress("soaking", count, "chunks")
     for number in range(count):
         tenth = tenths[10 * number // count]
         if number in jumps:
             soak.jump_back()
         soak.chunk(number, tenth)
+        progress.update(number + 1)
         if number % every == every - 1:
             soak.measure(tenth)
         if number in losses:
