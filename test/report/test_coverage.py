@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trajeval_ros.report.coverage import SECOND, Coverage
+from trajeval_ros.report.series import rate_of
 
 
 @given(
@@ -70,3 +71,13 @@ def test_most_gaps_are_bounded_and_the_longest_stay() -> None:
         coverage.add(part)
     found = sorted(gap.seconds for gap in coverage.gaps(longer_than=0))
     np.testing.assert_allclose(found, np.sort(steps[1:])[-8:] / SECOND)
+
+
+def test_a_rate_takes_no_more_bins_than_there_are() -> None:
+    coverage = Coverage()
+    coverage.add(np.arange(0, 10 * SECOND, SECOND // 20))
+    # The other topic's stamps make the run last for 240 years.
+    edges, rate = rate_of(coverage, 0, 7.5e9, 0)
+    assert len(rate) == 1
+    np.testing.assert_allclose(rate, 20.0, rtol=0.02)
+    np.testing.assert_allclose(edges, [0.0, 10.0], atol=0.1)

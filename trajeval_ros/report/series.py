@@ -153,7 +153,8 @@ def rate_of(coverage: Coverage, start: int, end: float, shift: int) -> tuple[Arr
         return np.zeros(1), np.zeros(0)
     seconds = (edges + shift - start) / SECOND
     width = float(seconds[1] - seconds[0])
-    merged = max(1, round(max(end / 200.0, 1.0) / width))
+    # No more than there are: a wrong stamp on the other topic may make the run last for centuries.
+    merged = min(max(1, round(max(end / 200.0, 1.0) / width)), len(rate))
     padding = -len(rate) % merged
     padded = np.concatenate([rate, np.zeros(padding)]).reshape(-1, merged)
     # The last bin may stick out of the data; its mean is over the part that does not.
