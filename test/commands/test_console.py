@@ -21,10 +21,12 @@ def test_errors_become_one_line_and_a_code(capsys: pytest.CaptureFixture[str]) -
 
     assert failing(console.CommandError("bad data")) == 1
     assert failing(console.UsageError("bad usage")) == 2
+    assert failing(console.CommandError("a\nfile\x1b[2J ü")) == 1
     assert failing(KeyboardInterrupt()) == 130
     assert capsys.readouterr().err.splitlines() == [
         "tool: error: bad data",
         "tool: error: bad usage",
+        "tool: error: a\\nfile\\x1b[2J ü",
         "tool: error: interrupted",
     ]
 

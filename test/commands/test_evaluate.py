@@ -354,6 +354,9 @@ def test_parameters_from_the_nodes_file(run: tuple[Path, Path], tmp_path: Path) 
     [
         ("a: [1, 2", "is not YAML"),
         ("just words", "does not hold a mapping"),
+        ("a: &a\n  b: *a\n", "is nested too deeply"),
+        ("{" * 2000, "is nested too deeply"),
+        ("gauge: 2001-99-99", "is not YAML: month must be"),
         ("window:\n  length: 3\n", "unknown parameter window.length"),
         ("other:\n  ros__parameters:\n    a: 1\n", "parameters for other only, not for evaluator"),
     ],

@@ -71,7 +71,20 @@ def test_wild_entries_are_indefinite(value):
     covariance[1, 2, 3] = value
     covariance[2, 5, 5] = -abs(value)
     assert is_indefinite(covariance).all()
-    assert not is_indefinite(abs(value) * np.eye(6)[None]).any()
+    # Beyond 1e100 no arithmetic survives it.
+    assert is_indefinite(abs(value) * np.eye(6)[None]).all() == (abs(value) >= 1e100)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("entry", [1e30, 1e200, -1e308, 1.7e308])
+def test_what_no_arithmetic_survives_is_none(entry):
+    """Garbage, or "not known" as the largest double there is."""
+    for place in ([0, 0], [1, 4]):
+        matrix = np.eye(6)
+        matrix[tuple(place)] = matrix[tuple(place[::-1])] = entry
+        expected = entry < 0.0 or abs(entry) > 1e100 or place != [0, 0]
+        found = is_indefinite(np.stack([np.eye(6), matrix]))
+        assert found.tolist() == [False, expected]
 
 
 def test_a_consistent_estimator_scores_one():

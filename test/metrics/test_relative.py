@@ -21,7 +21,12 @@ from trajeval_ros import se3
 from trajeval_ros.metrics.absolute import RunningAbsolute
 from trajeval_ros.metrics.first_order import FirstOrderAbsolute, absolute_first_order
 from trajeval_ros.metrics.gaussian import CovarianceError
-from trajeval_ros.metrics.relative import RunningRelative, relative, relative_error
+from trajeval_ros.metrics.relative import (
+    RunningRelative,
+    relative,
+    relative_error,
+    steps_likelihood,
+)
 
 FEW = settings(max_examples=40)
 
@@ -210,3 +215,35 @@ def test_wrong_covariance_is_refused_and_leaves_no_trace(bandwidth, kind):
         run.update(broken, covariance[10:], estimate[10:])
     run.update(ground_truth[10:], covariance[10:], estimate[10:])
     assert run.total.log_likelihood == pytest.approx(expected.total.log_likelihood, rel=1e-10)
+
+
+def test_a_band_without_digits_is_refused():
+    """An estimate's own covariance that says nothing, for a few poses: chi2 was below zero."""
+    rng = np.random.default_rng(1)
+    ground_truth = walk(rng, 40)
+    covariance = random_covariance(rng, 40, (1e-3, 1e-3))
+    estimate = draw(rng, ground_truth, covariance)
+    refused = 0
+    for variance in 10.0 ** np.arange(0.0, 21.0, 2.0):
+        large = covariance.copy()
+        large[10:16, :3, :3] += variance * np.eye(3)
+        reference = RunningRelative().update(ground_truth, large, estimate).total
+        try:
+            found = steps_likelihood(*relative_error(ground_truth, estimate), large)
+        except CovarianceError:
+            refused += 1
+        else:
+            assert found.chi2 == pytest.approx(reference.chi2, rel=1e-6)
+            assert found.log_det == pytest.approx(reference.log_det, rel=1e-6)
+    assert 0 < refused < 11
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_step_as_long_as_the_earth_is_refused():
+    """Its lever arm leaves no digit of the noise: no NaN, but a pose that is named."""
+    rng = np.random.default_rng(2)
+    ground_truth = walk(rng, 60)
+    covariance = random_covariance(rng, 60, (1e-3, 1e-3))
+    ground_truth[20:, :3, 3] *= 1e9
+    with pytest.raises(CovarianceError):
+        RunningRelative().update(ground_truth, covariance, ground_truth)

@@ -107,6 +107,14 @@ def test_what_is_no_message_is_counted(kind: PoseType) -> None:
     assert decoded.undecodable == 5
 
 
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_a_message_that_is_cut_short_is_none(kind: PoseType) -> None:
+    """Behind what we take of it, too: an Odometry's twist."""
+    good = serialize_message(data.message(kind.message, 7, (1, 2, 3), (0, 0, 0, 1), "map"))
+    cut = [good[:end] for end in range(0, len(good), 7)]
+    assert decode(kind, [*cut, good]).undecodable == len(cut)
+
+
 def test_nothing() -> None:
     decoded = decode(KINDS[0], [])
     assert len(decoded.samples) == 0

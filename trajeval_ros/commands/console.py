@@ -61,8 +61,12 @@ def _drop_output() -> None:
 
 
 def fail(name: str, message: str, code: int) -> int:
-    """Say what went wrong in one line, and return the exit code."""
-    print(f"{name}: error: {message}", file=sys.stderr)
+    """Say what went wrong in one line, and return the exit code.
+
+    File names may hold line breaks and what a terminal takes for commands: they are shown escaped.
+    """
+    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
+    print(f"{name}: error: {shown}", file=sys.stderr)
     return code
 
 

@@ -101,6 +101,26 @@ def suggestion(name: str) -> str:
 
 def read_file(path: Path) -> dict[str, object]:
     """Read the node's parameters from a ROS 2 parameter file, or a plain mapping of names."""
+    try:
+        document = _read_yaml(path)
+        if document is None:
+            return {}
+        if not isinstance(document, Mapping):
+            raise UsageError(f"{path} does not hold a mapping of parameters")
+        values: dict[str, object] = {}
+        for section in _sections(document, path):
+            values |= _flatten(section)
+    except RecursionError:
+        # Brackets by the thousand, or an alias within what it stands for.
+        raise UsageError(f"{path} is nested too deeply") from None
+    known = {name: value for name, value in values.items() if not is_of_ros(name)}
+    for name in known:
+        if name not in PARAMETERS:
+            raise UsageError(f"{path}: unknown parameter {name}{suggestion(name)}")
+    return known
+
+
+def _read_yaml(path: Path) -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):
@@ -112,25 +132,14 @@ def read_file(path: Path) -> dict[str, object]:
         list("-+0123456789"),
     )
     try:
-        document = yaml.load(path.read_text(encoding="utf-8"), Loader)
+        return yaml.load(path.read_text(encoding="utf-8"), Loader)
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise UsageError(f"{path} is not a text file") from error
-    except yaml.YAMLError as error:
+    # PyYAML lets through what int, float and date make of values that only look like theirs.
+    except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, ValueError) as error:
         raise UsageError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    if document is None:
-        return {}
-    if not isinstance(document, Mapping):
-        raise UsageError(f"{path} does not hold a mapping of parameters")
-    values: dict[str, object] = {}
-    for section in _sections(document, path):
-        values |= _flatten(section)
-    known = {name: value for name, value in values.items() if not is_of_ros(name)}
-    for name in known:
-        if name not in PARAMETERS:
-            raise UsageError(f"{path}: unknown parameter {name}{suggestion(name)}")
-    return known
 
 
 def _sections(document: Mapping[Any, Any], path: Path) -> list[Mapping[Any, Any]]:

@@ -21,6 +21,9 @@ _CLEARLY_POSITIVE = 2.0**-47
 # to a unit diagonal: what single-precision arithmetic and printed digits leave of a singular one.
 _INDEFINITE_BELOW = -1e-6
 
+# A variance (m², rad²) that stands for "not known" in arithmetic that must not overflow.
+_TOO_LARGE = 1e100
+
 
 @dataclass(frozen=True, slots=True)
 class GaussianLogLikelihood:
@@ -66,20 +69,22 @@ class CovarianceError(ValueError):
 def is_indefinite(covariance: Array) -> npt.NDArray[np.bool_]:
     """Which covariances, (M, 6, 6) and finite, are none: asymmetric, or with a negative eigenvalue.
 
-    Returns (M,). Judged with the rows and columns scaled to a unit diagonal, so that metres and
-    radians count alike.
+    Or so large that sums and products of them are not finite. Returns (M,). Judged with the rows
+    and columns scaled to a unit diagonal, so that metres and radians count alike.
     """
     diagonal = np.einsum("mii->mi", covariance)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     with np.errstate(over="ignore"):
         scaled = scale[:, :, None] * covariance * scale[:, None, :]
-    # An entry beyond 1 says it all; the eigenvalues of a huge one need not converge.
-    scaled = np.clip(scaled, -2.0, 2.0)
+    # No correlation is that large, and eigenvalues of what is far larger need not converge.
+    absurd = ~((np.abs(scaled) <= 2.0) & (np.abs(covariance) < _TOO_LARGE)).all(axis=(-1, -2))
+    scaled[absurd] = 0.0
     asymmetry = np.abs(scaled - scaled.swapaxes(-1, -2)).max(axis=(-1, -2), initial=0.0)
     smallest = np.linalg.eigvalsh(0.5 * (scaled + scaled.swapaxes(-1, -2))).min(
         axis=-1, initial=0.0
     )
-    return np.asarray((smallest < _INDEFINITE_BELOW) | (asymmetry > -_INDEFINITE_BELOW))
+    indefinite = (smallest < _INDEFINITE_BELOW) | (asymmetry > -_INDEFINITE_BELOW)
+    return np.asarray(absurd | indefinite)
 
 
 def positive_definite(covariance: Array) -> npt.NDArray[np.bool_]:

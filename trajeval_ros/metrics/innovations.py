@@ -47,7 +47,10 @@ def _innovations(
         state[:6] = a.dot(state[:6])
         state[6] += e
         innovation[i] = state[6]
-        factor[i], gain, _ = lapack.dposv(state[:6] + sigma, sigma, lower=1)
+        factor[i], gain, wrong = lapack.dposv(state[:6] + sigma, sigma, lower=1)
+        if wrong:
+            # A step of 10,000 km: its lever arm leaves no digit of the noise.
+            raise CovarianceError(i)
         state = state.dot(gain)
         state[:6] = 0.5 * (state[:6] + state[:6].T)
     return innovation, factor, state[6], state[:6]

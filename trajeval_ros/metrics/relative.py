@@ -32,6 +32,9 @@ Array = npt.NDArray[np.float64]
 # So many poses' matrices stay in the processor's cache.
 _POSES_PER_PIECE = 256
 
+# Where the variances of poses differ by more, the factor of ``Q V Q^T`` has seven digits and fewer.
+_WIDEST_SPREAD = 1e10
+
 
 def relative_error(ground_truth: Array, estimate: Array) -> tuple[Array, Array]:
     """The errors of the steps between consecutive poses, and their adjoints.
@@ -210,12 +213,17 @@ def steps_likelihood(error: Array, adjoint: Array, covariance: Array) -> Gaussia
     1e-8 where covariances differ by six orders of magnitude from pose to pose. `RunningRelative`
     does not lose these digits, and takes ten times as long.
 
-    Raises CovarianceError as `RunningRelative.update`.
+    Raises CovarianceError as `RunningRelative.update`, and where the variances of an axis differ
+    by more than ten orders of magnitude: nothing is left of L's digits there.
     """
     if len(error) == 0:
         return NOTHING
     bandwidth = block_bandwidth(covariance)
     blocks = padded_blocks(covariance, bandwidth)
+    variances = np.diagonal(blocks[:, 0], axis1=-2, axis2=-1)
+    far = (variances > _WIDEST_SPREAD * variances.min(axis=0)).any(axis=-1)
+    if far.any():
+        raise CovarianceError(int(np.argmax(far)))
     band = empty_band(len(error), bandwidth + 1)
     adjoints = np.concatenate([np.zeros((bandwidth + 1, 6, 6)), adjoint])
     # Piece by piece, so that what is passed on stays in the processor's cache.

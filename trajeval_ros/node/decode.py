@@ -46,6 +46,8 @@ class PoseType:
     message: Any
     has_child_frame: bool
     has_covariance: bool
+    further_values: int = 0
+    """Doubles behind those of interest: an Odometry's twist with its covariance."""
 
 
 POSE_TYPES: dict[str, PoseType] = {
@@ -59,7 +61,7 @@ POSE_TYPES: dict[str, PoseType] = {
             False,
             True,
         ),
-        PoseType("Odometry", "nav_msgs/msg/Odometry", Odometry, True, True),
+        PoseType("Odometry", "nav_msgs/msg/Odometry", Odometry, True, True, further_values=42),
         PoseType(
             "TransformStamped", "geometry_msgs/msg/TransformStamped", TransformStamped, True, False
         ),
@@ -145,7 +147,7 @@ def _layout(pose_type: PoseType, message: bytes) -> _Layout | None:
     except struct.error:
         return None
     pose = _aligned(end, 8)
-    if len(message) < pose + 8 * _width(pose_type):
+    if len(message) < pose + 8 * (_width(pose_type) + pose_type.further_values):
         return None
     return _Layout(len(message), big_endian, pose, frame, child_frame)
 
