@@ -346,3 +346,23 @@ def test_refuses():
     with pytest.raises(ValueError, match="increase strictly"):
         running.update(stamps[-1:], ground_truth[-1:], estimate[-1:])
     assert running.figures().poses == 10
+
+
+@pytest.mark.parametrize("gauge", ["se3", "yaw_translation", "sim3", "none"])
+def test_rotation_of_a_body_that_stands_is_left_out(gauge):
+    rng = np.random.default_rng(3)
+    stamps = 50_000_000 * np.arange(400)
+    poses = np.tile(np.eye(4), (2, 400, 1, 1))
+    poses[:, :, :3, 3] = rng.normal(0.0, 2e-3, (2, 400, 3))
+    running = RunningConventional(gauge, 1.0, "s")
+    running.update(stamps, *poses)
+    figures = running.figures()
+    assert (figures.ate_rotation_rmse is None) == (gauge != "none")
+    assert running.is_rotation_undetermined == (gauge != "none")
+    # A body that moves, by no more than ten times the noise, shows it.
+    poses[:, :, 0, 3] += 0.02 * np.sin(0.05 * np.arange(400))
+    poses[:, :, 1, 3] += 0.02 * np.sin(0.09 * np.arange(400))
+    moving = RunningConventional(gauge, 1.0, "s")
+    moving.update(stamps, *poses)
+    assert moving.figures().ate_rotation_rmse is not None
+    assert not moving.is_rotation_undetermined

@@ -49,6 +49,10 @@ CAPACITY = 4096
 # batch hardly depends on its size.
 _BATCH = 256
 
+# The motion that shows a rotation is larger than the errors by this factor, per axis.
+_SHOWN = 1.5
+_ENOUGH = 20
+
 
 @dataclasses.dataclass(frozen=True)
 class ConventionalFigures:
@@ -60,7 +64,8 @@ class ConventionalFigures:
         alignment: of all poses, estimate's world to ground truth's; None before the first.
         ate_translation_rmse: m. None with fewer poses than an alignment needs, or in `sim3`
             where the scale is not observed.
-        ate_rotation_rmse: rad. None also where a rotation of the alignment is not observed.
+        ate_rotation_rmse: rad. None also where a rotation of the alignment is not observed, or
+            known from no more than noise.
         re_translation_rmse: m. None also in `sim3` where the scale is not observed.
         re_rotation_rmse: rad.
         re_longest_step: the longest step of a pair, s or m. One far longer than the step asked
@@ -181,7 +186,7 @@ class RunningConventional:
         pairs = self._re_rotation.count
         scale = None if alignment is None else _known_scale(alignment)
         ate_rotation = None
-        if alignment is not None and _rotation_is_known(alignment):
+        if alignment is not None and _rotation_is_known(alignment, self._positions):
             ate_rotation = self._rotations.mean_square_angle(alignment.rotation) ** 0.5
         re_translation = None
         if pairs > 0 and scale is not None:
@@ -200,6 +205,15 @@ class RunningConventional:
             re_longest_step=self._pairs.longest,
         )
 
+    @property
+    def is_rotation_undetermined(self) -> bool:
+        """Whether there are poses enough, and their motion does not show the rotation."""
+        self._take_in()
+        if self._positions.count < _ENOUGH:
+            return False
+        alignment = align(self._positions, self._gauge)
+        return _is_aligned(alignment) and not _rotation_is_known(alignment, self._positions)
+
     def distributions(self) -> Distributions:
         """The errors' distributions so far; some milliseconds."""
         self._take_in()
@@ -210,7 +224,7 @@ class RunningConventional:
         if alignment is not None and _is_aligned(alignment):
             moved = alignment.transform_positions(poses[:, 3:6])
             ate_translation = _distribution(np.linalg.norm(poses[:, :3] - moved, axis=-1))
-        if alignment is not None and _rotation_is_known(alignment):
+        if alignment is not None and _rotation_is_known(alignment, self._positions):
             errors = alignment.rotation @ poses[:, 6:].reshape(-1, 3, 3)
             ate_rotation = _distribution(np.linalg.norm(se3.log_so3(errors), axis=-1))
         steps = self._pair_sample.rows
@@ -281,11 +295,22 @@ def _is_aligned(alignment: Alignment) -> bool:
     return alignment.degeneracy is not Degeneracy.TOO_FEW_POINTS and alignment.scale_observed
 
 
-def _rotation_is_known(alignment: Alignment) -> bool:
-    return (
-        alignment.degeneracy is not Degeneracy.TOO_FEW_POINTS
-        and len(alignment.unobserved_axes) == 0
-    )
+def _rotation_is_known(alignment: Alignment, positions: Moments) -> bool:
+    """Whether the positions show the alignment's rotation.
+
+    Where a body hardly moves, or along a line alone, what is left of the errors after alignment is
+    as large as the motion across the axis that is hardest to see, and the rotation about that axis
+    comes from the noise: of two clouds of points it is anything.
+    """
+    if alignment.degeneracy is Degeneracy.TOO_FEW_POINTS or len(alignment.unobserved_axes):
+        return False
+    if alignment.gauge == "none":
+        return True
+    extent = positions.target_extent[0 if alignment.gauge == "yaw_translation" else 1]
+    # Errors that no turn explains, whatever the gauge is free to turn.
+    rigid = alignment if alignment.gauge == "se3" else align(positions, "se3")
+    left_over = min(alignment.rmse, rigid.rmse) / math.sqrt(3.0)
+    return bool(extent >= _SHOWN * left_over)
 
 
 def _known_scale(alignment: Alignment) -> float | None:

@@ -396,6 +396,13 @@ class Engine:
                     "definite: are ground truth's or estimate's covariances right?",
                 )
             )
+        conventional = self._evaluation.conventional
+        if conventional.is_rotation_undetermined:
+            text = (
+                "the motion is not larger than the errors, so the alignment's rotation is not "
+                "determined: the conventional rotation error is left out"
+            )
+            found.append(Notice("warning", "alignment_undetermined", text))
         found += [
             Notice("warning", f"ground_truth_{fault.code}", f"ground truth: {fault.text}")
             for fault in self._faults.found
