@@ -18,7 +18,11 @@ _RECENT = 16
 # The noise has grown when it is so many times that of the first segments.
 _GROWN = 3.0
 _OWN = 0.7
+# Fewer samples do not tell noise from motion.
+_ENOUGH = 24
 _SECOND = 1_000_000_000
+# ... without a break for so long (ns).
+_NOISY = 10 * _SECOND
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,7 @@ class Fits:
         self._recent: deque[tuple[float, float]] = deque(maxlen=_RECENT)
         self._noise = (0.0, 0.0)
         self._first: tuple[float, float] | None = None
+        self._grown: list[Segment] = []
         self._segments = 0
         self._adapted = 0
 
@@ -66,14 +71,17 @@ class Fits:
         white = _white(epoch)
         self._first = self._first or white
         # Where samples are rare, much of the noise stands for motion between them.
-        if any(
+        if len(segment) >= _ENOUGH and any(
             now > _GROWN * first and now > _OWN * noise
             for now, first, noise in zip(white, self._first, self._noise, strict=True)
         ):
-            begin, end = int(segment.samples.stamps[0]), int(segment.samples.stamps[-1])
-            # Segments overlap by half.
-            seconds = max(1, round(0.5 * (end - begin) / _SECOND))
-            self._faults.add("noise_grows", begin, end, seconds)
+            self._grown.append(segment)
+            begin, end = self._grown[0].samples.stamps[0], self._grown[-1].samples.stamps[-1]
+            if end - begin >= _NOISY:
+                self._faults.replace("noise_grows", int(begin), int(end), (end - begin) // _SECOND)
+                self._grown = [self._grown[0], self._grown[-1]]
+        else:
+            self._grown = []
 
     @property
     def fit(self) -> Fit | None:

@@ -270,12 +270,15 @@ class Screen:
     def _turned_back(self, pending: Samples) -> Samples:
         """Turn the samples to where the motion led, those to come as well."""
         there, here = self._led_to(pending.stamps[:1])[0], pending.poses[0]
-        known, self._turn = self._turn, np.eye(4)
-        self._turn[:3, :3] = here[:3, :3].T @ there[:3, :3]
+        more = np.eye(4)
+        more[:3, :3] = here[:3, :3].T @ there[:3, :3]
+        # As they came, since what is nearly no turn is none.
+        known, self._turn = self._turn, se3.inverse(self._turn)
         pending = self._put_right(pending)
-        self._turn = known @ self._turn
+        self._turn = known @ more
         if np.linalg.norm(se3.log_so3(self._turn[:3, :3])) < _TURNED_BACK:
             self._turn = np.eye(4)
+        pending = self._put_right(pending)
         stamp = int(pending.stamps[0])
         self._faults.add("flip", stamp, stamp)
         return pending
