@@ -10,6 +10,8 @@ from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.samples import PoseSamples
 
+pytestmark = pytest.mark.slow  # together
+
 DEGREE = np.pi / 180.0
 SECOND = 1_000_000_000
 
