@@ -80,11 +80,8 @@ class _Steps:
     @staticmethod
     def between(samples: Samples) -> _Steps:
         """The steps from each of the samples to the next."""
-        poses = samples.poses
-        moved = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-        between = np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]
-        turned = np.linalg.norm(se3.log_so3(between), axis=1) if len(between) else moved
-        return _Steps(np.stack([moved, turned], axis=1), np.diff(samples.stamps) * 1e-9)
+        sizes = _apart(samples.poses[:-1], samples.poses[1:])
+        return _Steps(sizes, np.diff(samples.stamps) * 1e-9)
 
 
 class Screen:
@@ -174,10 +171,13 @@ class Screen:
         old = len(intervals) - new
         if old < _FEWEST_STEPS:
             return
+        after, before = intervals[-new:], intervals[-new - 1 : -1]
+        # What is usual costs more than the rest, and is no longer than the longest.
+        if not (after < _BURST * intervals.max()).any():
+            return
         padded = np.concatenate([np.full(_USUAL_STEPS, np.nan), intervals])
         windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS)[old:]
         usual = np.nanmedian(windows, axis=1)
-        after, before = intervals[-new:], intervals[-new - 1 : -1]
         burst = (after < _BURST * usual) & ((before > _LATE * usual) | (before < _BURST * usual))
         for stamp in known.stamps[-new:][burst].tolist():
             self._faults.add("stamp_bursts", stamp, stamp)
@@ -191,8 +191,7 @@ class Screen:
         known, new = len(before) - 1, len(pending)
         padded = np.concatenate([np.full((_USUAL_STEPS, 2), np.nan), steps.sizes])
         windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS, axis=0)
-        first = known
-        usual, last = _usual(windows[first : first + new])
+        usual, last = _usual(windows[known : known + new])
         sizes = steps.sizes[known:]
         limit = np.maximum(_TIMES_USUAL * usual, _TIMES_LAST * last)
         limit = np.maximum(limit, _TIMES_ACCURACY * self._accuracy)
