@@ -51,7 +51,8 @@ _BATCH = 256
 
 # The motion that shows a rotation is larger than the errors by this factor, per axis.
 _SHOWN = 1.5
-_ENOUGH = 20
+ENOUGH_TO_ALIGN = 20
+"""Poses before which nothing is said of an alignment that is not determined."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,7 +210,7 @@ class RunningConventional:
     def is_rotation_undetermined(self) -> bool:
         """Whether there are poses enough, and their motion does not show the rotation."""
         self._take_in()
-        if self._positions.count < _ENOUGH:
+        if self._positions.count < ENOUGH_TO_ALIGN:
             return False
         alignment = align(self._positions, self._gauge)
         return _is_aligned(alignment) and not _rotation_is_known(alignment, self._positions)

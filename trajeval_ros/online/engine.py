@@ -28,6 +28,7 @@ from trajeval_ros.ground_truth.screen import Screen, Screened
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
+from trajeval_ros.metrics.conventional import ENOUGH_TO_ALIGN
 from trajeval_ros.metrics.gaussian import CovarianceError, positive_definite
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.doubts import CovarianceDoubts
@@ -116,6 +117,7 @@ class Engine:
         self._first_singular: int | None = None
         self._doubts = CovarianceDoubts()
         self._announced: set[str] = set()
+        self._next_alignment = ENOUGH_TO_ALIGN
 
     @property
     def parameters(self) -> Mapping[str, Value]:
@@ -197,6 +199,7 @@ class Engine:
         self._append_screened(self._screen.conclude())
         self._append_estimates(self._estimates.conclude())
         self._ground_truth.conclude()
+        self._next_alignment = 0
         return self._results(*self._evaluate(len(self._pending)))
 
     def _answerable(self, now: int | None) -> int:
@@ -354,7 +357,13 @@ class Engine:
 
     def _news(self) -> tuple[Notice, ...]:
         """The notices that are new since the last call: each code once a run, but each lesson."""
-        news = tuple(n for n in self.notices() if _subject(n) not in self._announced)
+        count, undetermined = self._evaluation.count, False
+        # It takes the waiting poses in and aligns all, as much as the rest of a call.
+        if count >= self._next_alignment:
+            undetermined = self._evaluation.conventional.is_rotation_undetermined
+            self._next_alignment = 2 * count
+        found = self._notices(undetermined)
+        news = tuple(n for n in found if _subject(n) not in self._announced)
         self._announced |= {_subject(n) for n in news}
         return news
 
@@ -364,6 +373,10 @@ class Engine:
         After :meth:`finish` it is a function of the data alone, as the figures are; what
         :class:`~trajeval_ros.online.results.Results` announced on the way need not hold any more.
         """
+        return self._notices(self._evaluation.conventional.is_rotation_undetermined)
+
+    def _notices(self, undetermined: bool) -> tuple[Notice, ...]:
+        """The notices; ``undetermined``: whether the conventional alignment's rotation is."""
         found = []
         hyperparameters = self._ground_truth.hyperparameters
         if hyperparameters is not None and self._values["gp.hyperparameters"] == "auto":
@@ -396,8 +409,7 @@ class Engine:
                     "definite: are ground truth's or estimate's covariances right?",
                 )
             )
-        conventional = self._evaluation.conventional
-        if conventional.is_rotation_undetermined:
+        if undetermined:
             text = (
                 "the motion is not larger than the errors, so the alignment's rotation is not "
                 "determined: the conventional rotation error is left out"
