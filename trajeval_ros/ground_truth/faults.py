@@ -48,23 +48,12 @@ class Faults:
         self.passed = 0
         """Number of samples used."""
         self._found: dict[str, Fault] = {}
-        self._going_on: dict[str, int] = {}
 
     def add(self, code: str, begin: int, end: int, count: int = 1) -> None:
         """Note some more."""
         known = self._found.get(code)
         fault = known.and_then(begin, end, count) if known else Fault(code, begin, end, count)
         self._found[code] = fault
-
-    def replace(self, code: str, begin: int, end: int, count: int) -> None:
-        """Note one that goes on: it stands for what was noted of it since its ``begin``."""
-        known = self._found.get(code)
-        if known is None or known.end < begin:
-            self.add(code, begin, end, int(count))
-        else:
-            before = self._going_on.get(code, 0)
-            self._found[code] = Fault(code, known.begin, end, known.count - before + int(count))
-        self._going_on[code] = int(count)
 
     @property
     def found(self) -> tuple[Fault, ...]:
@@ -73,7 +62,5 @@ class Faults:
 
     def _is_found(self, code: str) -> bool:
         count = self._found[code].count if code in self._found else 0
-        least = {
-            "stamp_bursts": max(_BURSTS, _BURST_SHARE * self.passed),
-        }
-        return count >= least.get(code, 1)
+        bursts = code == "stamp_bursts"
+        return count >= (max(_BURSTS, _BURST_SHARE * self.passed) if bursts else 1)

@@ -21,8 +21,8 @@ _OWN = 0.7
 # Fewer samples do not tell noise from motion.
 _ENOUGH = 24
 _SECOND = 1_000_000_000
-# ... without a break for so long (ns).
-_NOISY = 10 * _SECOND
+# ... without a break for so many seconds.
+_NOISY = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +39,16 @@ class Fit:
     segments: int
     adapted: int
 
+    @property
+    def named(self) -> dict[str, float]:
+        """The numbers but for those of the segments, by name; m and rad."""
+        return {
+            "translation_mean_square": self.mean_squares[0],
+            "rotation_mean_square": self.mean_squares[1],
+            "translation_noise_std": self.noise_std[0],
+            "rotation_noise_std": self.noise_std[1],
+        }
+
 
 class Fits:
     """Looks at each closed segment."""
@@ -49,7 +59,8 @@ class Fits:
         self._recent: deque[tuple[float, float]] = deque(maxlen=_RECENT)
         self._noise = (0.0, 0.0)
         self._first: tuple[float, float] | None = None
-        self._grown: list[Segment] = []
+        self._noisy_since: int | None = None
+        self._noted = 0
         self._segments = 0
         self._adapted = 0
 
@@ -75,13 +86,18 @@ class Fits:
             now > _GROWN * first and now > _OWN * noise
             for now, first, noise in zip(white, self._first, self._noise, strict=True)
         ):
-            self._grown.append(segment)
-            begin, end = self._grown[0].samples.stamps[0], self._grown[-1].samples.stamps[-1]
-            if end - begin >= _NOISY:
-                self._faults.replace("noise_grows", int(begin), int(end), (end - begin) // _SECOND)
-                self._grown = [self._grown[0], self._grown[-1]]
+            self._note_noise(segment.start, int(segment.samples.stamps[-1]))
         else:
-            self._grown = []
+            self._noisy_since = None
+
+    def _note_noise(self, begin: int, end: int) -> None:
+        """The noise has grown in a segment: note the seconds, those before as it goes on."""
+        if self._noisy_since is None:
+            self._noisy_since, self._noted = begin, 0
+        seconds = (end - self._noisy_since) // _SECOND
+        if seconds >= _NOISY:
+            self._faults.add("noise_grows", self._noisy_since, end, seconds - self._noted)
+            self._noted = seconds
 
     @property
     def fit(self) -> Fit | None:

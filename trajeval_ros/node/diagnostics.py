@@ -258,15 +258,14 @@ def with_ground_truth(status: Status, health: Health) -> Status:
     findings = [Finding(Level.WARN, fault.text) for fault in health.faults]
     values: dict[str, object] = dict(status.values)
     for fault in health.faults:
-        values[f"{fault.code}"] = fault.count
+        values[fault.code] = fault.count
         values[f"{fault.code}_last"] = _seconds(fault.end)
     fit = health.fit
     if fit is not None:
-        values["translation_mean_square"], values["rotation_mean_square"] = fit.mean_squares
-        values["translation_noise_std"], values["rotation_noise_std"] = fit.noise_std
-        values["segments_adapted"] = fit.adapted
-        values["process"] = "fits" if max(fit.mean_squares) < _MISFIT else "does not fit"
-        if max(fit.mean_squares) >= _MISFIT:
+        fits = max(fit.mean_squares) < _MISFIT
+        values |= fit.named | {"segments_adapted": fit.adapted}
+        values["process"] = "fits" if fits else "does not fit"
+        if not fits:
             findings.append(Finding(Level.WARN, "its process does not fit its samples"))
     if status.level > Level.OK:
         findings.append(Finding(status.level, status.message))

@@ -64,14 +64,7 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
 
 def _fit(fit: Fit) -> Figures:
     """How the process fits the samples; m and rad."""
-    return {
-        "translation_mean_square": fit.mean_squares[0],
-        "rotation_mean_square": fit.mean_squares[1],
-        "translation_noise_std": fit.noise_std[0],
-        "rotation_noise_std": fit.noise_std[1],
-        "segments_closed": fit.segments,
-        "segments_adapted": fit.adapted,
-    }
+    return {**fit.named, "segments_closed": fit.segments, "segments_adapted": fit.adapted}
 
 
 def _hyperparameters(hyperparameters: Hyperparameters) -> Figures:
