@@ -33,6 +33,8 @@ Counts = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 _Any = TypeVar("_Any")
 
+# Of a group, together.
+_COORDINATES = 3
 # Ratio of variances looked for and threshold (nats): of a process that promises too much, and of
 # one that promises too little, which does no harm for a while.
 _TESTS = ((4.0, 10.0), (0.25, 20.0))
@@ -43,8 +45,9 @@ _TELLING = 4.0
 # Predicted are the newest samples, so many at most, from so many before them.
 _MOST_SAMPLES = 64
 _CONTEXT = 24
+# Of fewer than this, no regime is taken whose noise is more than twice as large.
 _FEW = 24
-# By so many powers of two a regime is moved, at most at a time, and as many times in a search.
+# A search ends after so many rounds.
 _ROUNDS = 6
 
 
@@ -87,7 +90,7 @@ def conditioned(learned: Learned, regimes: Iterable[Regime], values: Values) -> 
 
 
 def best_regime(
-    learned: Learned, start: Regime, values: Values, since: int, ratio: float = 1.0
+    learned: Learned, start: Regime, values: Values, since: int, ratio: float
 ) -> Regime:
     """The regime, of those that can be reached from ``start``, that predicts the samples best.
 
@@ -125,11 +128,10 @@ def best_regime(
 class Watch:
     """Page's two sums of one group, sample by sample."""
 
-    def __init__(self, coordinates: int, row: int = 1) -> None:
-        """``coordinates``: of the group, all together; rows from ``row`` on are looked at."""
-        self._coordinates = coordinates
+    def __init__(self) -> None:
+        """Look at the rows from 1 on."""
         self._patience = 0.5
-        self.restart(row)
+        self.restart(1)
 
     def restart(self, row: int) -> None:
         """The rows before ``row`` were looked into; more is needed the next time."""
@@ -151,7 +153,7 @@ class Watch:
         found: tuple[int, int] | None = None
         ahead = []
         for (ratio, threshold), total, since in zip(_TESTS, self._sums, self._since, strict=True):
-            terms = 0.5 * (squares * (1.0 - 1.0 / ratio) - self._coordinates * math.log(ratio))
+            terms = 0.5 * (squares * (1.0 - 1.0 / ratio) - _COORDINATES * math.log(ratio))
             if ratio < 1.0:
                 terms *= telling
             walk = np.cumsum(np.concatenate([[total], terms]))
@@ -190,7 +192,7 @@ class Epoch:
         squares = self.regression.squares(counts) - self._base
         squares = squares.reshape(len(counts), 2, -1).sum(axis=-1)
         since = np.array(self.since) - 1
-        return scale(squares, counts[:, None] - since, 3, self.process.least_scales)
+        return scale(squares, counts[:, None] - since, _COORDINATES, self.process.least_scales)
 
     @property
     def _base(self) -> Array:
@@ -207,7 +209,7 @@ class Adaptation:
         """Begin with ``regimes``, which the samples before the segment were in."""
         self._process = process
         self._regimes = regimes
-        self._watches = (Watch(3), Watch(3))
+        self._watches = (Watch(), Watch())
         self.epochs: list[Epoch] = []
 
     @property
@@ -298,7 +300,7 @@ class Adaptation:
         if not found:
             return None
         row, since, group = min(found)
-        return row, since, group, float(squares[group, since - 1 : row].mean()) / 3.0
+        return row, since, group, float(squares[group, since - 1 : row].mean()) / _COORDINATES
 
 
 def _replaced(pair: tuple[_Any, _Any], index: int, value: _Any) -> tuple[_Any, _Any]:
