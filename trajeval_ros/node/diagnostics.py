@@ -39,6 +39,10 @@ class Finding:
     text: str
 
 
+# Findings and values.
+Further = tuple[Sequence[Finding], Mapping[str, object]]
+
+
 @dataclass(frozen=True, slots=True)
 class Status:
     """One entry of ``/diagnostics``."""
@@ -76,10 +80,19 @@ class Traffic:
 
 
 def check_topic(
-    name: str, state: InputState, health: TopicHealth, traffic: Traffic, used: str
+    name: str,
+    state: InputState,
+    health: TopicHealth,
+    traffic: Traffic,
+    used: str,
+    further: Further = ((), {}),
 ) -> Status:
-    """Whether a topic has publishers, is heard, and sends what can be used."""
-    findings = [Finding(Level.ERROR, problem) for problem in state.plan.problems]
+    """Whether a topic has publishers, is heard, and sends what can be used.
+
+    ``further`` is what there is to say of what it sends: it goes before the rest of its level.
+    """
+    findings = [*further[0]]
+    findings += [Finding(Level.ERROR, problem) for problem in state.plan.problems]
     findings += _check_presence(state, health, traffic)
     if traffic.lost:
         findings.append(Finding(Level.WARN, f"{traffic.lost} messages lost on the way"))
@@ -114,6 +127,7 @@ def check_topic(
         "silence": traffic.silence,
         "first_stamp": _seconds(health.first_stamp),
         "latest_stamp": _seconds(health.latest_stamp),
+        **further[1],
     }
     return merge(name, findings, f"{traffic.rate:.1f} messages/s", values)
 
@@ -253,10 +267,10 @@ def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
     )
 
 
-def with_ground_truth(status: Status, health: Health) -> Status:
-    """The ground truth's status, with its faults and how its process fits."""
+def check_process(health: Health) -> Further:
+    """What there is to say of the ground truth: its faults, and how its process fits."""
     findings = [Finding(Level.WARN, fault.text) for fault in health.faults]
-    values: dict[str, object] = dict(status.values)
+    values: dict[str, object] = {}
     for fault in health.faults:
         values[fault.code] = fault.count
         values[f"{fault.code}_last"] = _seconds(fault.end)
@@ -267,9 +281,7 @@ def with_ground_truth(status: Status, health: Health) -> Status:
         values["process"] = "fits" if fits else "does not fit"
         if not fits:
             findings.append(Finding(Level.WARN, "its process does not fit its samples"))
-    if status.level > Level.OK:
-        findings.append(Finding(status.level, status.message))
-    return merge(status.name, findings, status.message, values)
+    return findings, values
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,15 +13,16 @@ from rclpy.qos import QoSProfile
 
 from trajeval_ros.node.diagnostics import (
     ClockState,
+    Further,
     Load,
     Status,
     Traffic,
     check_clock,
     check_consistency,
     check_performance,
+    check_process,
     check_synchronization,
     check_topic,
-    with_ground_truth,
 )
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.node.session import Session
@@ -102,9 +103,7 @@ class Monitor:
         health = self._session.health()
         values = self._session.engine.parameters
         statuses = [
-            with_ground_truth(
-                self._check_topic(0, truth, health.ground_truth, "used", period), health
-            ),
+            self._check_topic(0, truth, health.ground_truth, "used", period, check_process(health)),
             self._check_topic(1, estimate, health.estimate, "evaluated", period),
             check_synchronization(
                 health,
@@ -130,7 +129,13 @@ class Monitor:
         self._send(statuses)
 
     def _check_topic(
-        self, topic: int, state: InputState, health: TopicHealth, used: str, period: float
+        self,
+        topic: int,
+        state: InputState,
+        health: TopicHealth,
+        used: str,
+        period: float,
+        further: Further = ((), {}),
     ) -> Status:
         count = self._topics[topic]
         silence = None if count.last is None else time.monotonic() - count.last
@@ -149,7 +154,7 @@ class Monitor:
         count.frame_changes_before = state.frame_changes
         count.before, count.lost_before = count.messages, state.lost
         count.rejected_before = dict(health.rejected)
-        return check_topic(_TITLES[topic], state, health, traffic, used)
+        return check_topic(_TITLES[topic], state, health, traffic, used, further)
 
     def _clock_state(self, sim_time: bool, now: int | None, steady: float) -> ClockState:
         if now != self._clock:
