@@ -4,25 +4,22 @@
 
 import numpy as np
 import pytest
-from twins.profiles import START, Profile, noisy, samples
+from twins.profiles import Profile, noisy, samples
+from twins.runs import SECOND, START, joined, where
 
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
-from trajeval_ros.online.samples import PoseSamples
 
 pytestmark = pytest.mark.slow  # together
 
 DEGREE = np.pi / 180.0
-SECOND = 1_000_000_000
 
 
 def run(ground_truth, estimate, **parameters):
     """The summary, and the ground truth's poses where it was asked."""
     engine = Engine(parameters)
-    evaluations = [results.evaluations for results in feed(engine, ground_truth, estimate)]
-    poses = np.concatenate([each.ground_truth for each in evaluations])
-    stamps = np.concatenate([each.stamps for each in evaluations])
-    return engine.summary(), stamps, poses
+    found = joined([results.evaluations for results in feed(engine, ground_truth, estimate)])
+    return engine.summary(), found["stamps"], found["ground_truth"]
 
 
 def times_of(profile, rate):
@@ -66,9 +63,7 @@ def test_half_of_the_samples_against_the_other(rest, rate):
     profile = Profile(rng, ("rest", rest), ("hand", 40))
     times = times_of(profile, rate)
     data = samples(times, noisy(rng, profile.at(times), 2e-3, 0.1 * DEGREE))
-    even, odd = (
-        PoseSamples(data.stamps[k::2], data.positions[k::2], data.quaternions[k::2]) for k in (0, 1)
-    )
+    even, odd = (where(data, slice(k, None, 2)) for k in (0, 1))
     summary, stamps, poses = run(even, odd)
     truth = profile.at((stamps - START) / SECOND)
     error = np.linalg.norm(poses[:, :3, 3] - truth[:, :3, 3], axis=1)

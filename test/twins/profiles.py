@@ -4,11 +4,10 @@
 
 import numpy as np
 from scipy.signal import lfilter
+from twins import runs
 
 from trajeval_ros import se3
-from trajeval_ros.online.samples import PoseSamples
 
-START = 1_700_000_000_000_000_000
 STEP = 0.004
 
 # Forward and sideways speed (m/s), angular speed (rad/s), and how fast they change (Hz).
@@ -80,5 +79,4 @@ def noisy(rng, poses, translation, rotation):
 
 def samples(times, poses):
     """As they arrive."""
-    stamps = START + np.round(np.asarray(times) * 1e9).astype(np.int64)
-    return PoseSamples(stamps, *se3.to_position_quaternion(poses))
+    return runs.samples(runs.nanoseconds(times), poses)
