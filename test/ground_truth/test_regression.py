@@ -186,3 +186,40 @@ def test_samples_that_are_refused_leave_the_others():
     after = regression.posterior(np.array([20.5]), np.array([33]))
     np.testing.assert_array_equal(before[0], after[0])
     np.testing.assert_array_equal(before[1], after[1])
+
+
+@given(
+    count=st.integers(1, 90),
+    parts=st.integers(1, 4),
+    seed=st.integers(0, 99),
+    kernel=st.sampled_from(["Matern32", "Matern52", "Matern72", "SquaredExponential", None]),
+)
+def test_slope_is_the_dense_derivative_of_the_motion(count, parts, seed, kernel):
+    one = {type(k).__name__: k for k in (*KERNELS, SquaredExponential())}
+    kernels, names = (KERNELS, NAMES) if kernel is None else ((one[kernel],), (kernel,))
+    parts = min(parts, len(kernels))
+    groups = a_group(parts), another_group(parts)
+    times, values, noise = samples(count, seed)
+    regression = conditioned(groups, times, values, noise, 1, kernels)
+    rng = np.random.default_rng(seed)
+    asked = rng.uniform(-0.2, times[-1] + 0.2, 7)
+    counts = rng.integers(1, count + 1, 7)
+    mean, variance = regression.slope(asked, counts)
+    for g, group in enumerate(groups):
+        for i, n in enumerate(counts):
+            expected, covariance = gp_twin.slope(
+                names, group.components, times[:n], values[:n], noise[:n] * 0.1**g, asked[i]
+            )
+            scale = np.sqrt(sum(c.std**2 / c.length_scale**2 for c in group.components))
+            np.testing.assert_allclose(mean[i, g], expected, rtol=1e-6, atol=1e-6 * scale)
+            np.testing.assert_allclose(variance[i, g], covariance, rtol=1e-5, atol=1e-9 * scale**2)
+
+
+def test_slope_is_the_derivative_of_the_mean_where_all_is_motion():
+    times, values, noise = samples(80)
+    group = a_group(3)
+    regression = conditioned((group,), times, values, noise)
+    asked, counts, step = np.linspace(0.3, times[-1] - 0.3, 40), np.full(40, 80), 1e-5
+    later, earlier = (regression.posterior(asked + sign * step, counts)[0] for sign in (1, -1))
+    slope, _ = regression.slope(asked, counts)
+    np.testing.assert_allclose(slope, (later - earlier) / (2 * step), rtol=0, atol=1e-6)

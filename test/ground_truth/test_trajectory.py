@@ -531,3 +531,20 @@ def test_no_query_no_answer():
     assert answer.poses.shape == (0, 4, 4)
     assert answer.covariances.shape == (0, 6, 6)
     assert answer.sampled.shape == (0,)
+
+
+def test_twist_is_the_derivative_of_the_pose():
+    truth = ground_truth(sampled(regular(12, 50)))
+    # Away from hand-overs, whose change of weights is no motion.
+    handovers = [b.incoming for b in truth._segmentation if b.incoming is not None]
+    stamps = at(np.linspace(1.0, 11.0, 200))
+    inside = [(stamps > h.begin) & (stamps < h.end) for h in handovers]
+    stamps = stamps[~np.any(inside, axis=0)]
+    until = np.full(len(stamps), truth.stamps[-1])
+    twist, covariance = truth.twist(stamps, until)
+    step = 20_000
+    later, earlier = (whole(truth, stamps + sign * step).poses for sign in (1, -1))
+    expected = se3.log(se3.inverse(earlier) @ later) / (2e-9 * step)
+    assert len(stamps) > 20
+    np.testing.assert_allclose(twist, expected, rtol=0, atol=1e-6)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()

@@ -74,3 +74,37 @@ def log_likelihood(names, components, noise_std, times, values, variances):
         - coordinates / 2 * log_det
         - (NU + freedom) / 2 * np.log1p(squared / NU)
     )
+
+
+def slope(names, components, times, values, noise, asked):
+    """Mean (c,) and variance of the motion's derivative at one time: its covariances by formula."""
+    covariance = kernel(names, components, times, times) + np.diag(noise)
+    cross, prior = np.zeros(len(times)), 0.0
+    apart = asked - times
+    for name, c in zip(names, components, strict=False):
+        if name == "Exponential":
+            continue  # noise
+        u = np.abs(apart) / c.length_scale
+        cross += np.sign(apart) * c.std**2 / c.length_scale * _derivative(name, u)
+        curvature = {"SquaredExponential": 1, "Matern32": 3, "Matern52": 5 / 3, "Matern72": 7 / 5}
+        prior += c.std**2 / c.length_scale**2 * curvature[name]
+    ones = np.ones(len(times))
+    weight = np.linalg.solve(covariance, ones)
+    information = 1.0 / (FLAT**2 * sum(c.std**2 for c in components)) + ones @ weight
+    mean = weight @ values / information
+    rest = -cross @ weight
+    return (
+        cross @ np.linalg.solve(covariance, values - ones[:, None] * mean),
+        prior - cross @ np.linalg.solve(covariance, cross) + rest**2 / information,
+    )
+
+
+def _derivative(name, u):
+    if name == "SquaredExponential":
+        return -u * np.exp(-0.5 * u**2)
+    if name == "Matern32":
+        return -3 * u * np.exp(-np.sqrt(3) * u)
+    if name == "Matern52":
+        return -5 / 3 * u * (1 + np.sqrt(5) * u) * np.exp(-np.sqrt(5) * u)
+    a = np.sqrt(7) * u
+    return -np.sqrt(7) * a / 15 * (3 + 3 * a + a**2) * np.exp(-a)

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from trajeval_ros.ground_truth.kernel_sum import KernelSum
+from trajeval_ros.ground_truth.kernel_sum import Cross, KernelSum
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
@@ -125,10 +125,13 @@ class Factor(ABC):
         """Write the blocks from number ``first`` on; ``right`` (G, b, 32, 1 + c) is ``[1 x]``."""
 
     @abstractmethod
-    def products(self, times: Array, counts: Counts) -> tuple[Array, Array]:
+    def products(
+        self, times: Array, counts: Counts, asked: Cross | None = None
+    ) -> tuple[Array, Array]:
         """Return ``vᵀ [g z]`` (G, q, 1 + c) and ``vᵀ v`` (G, q) of queries.
 
-        ``times`` (q,); of each the first ``counts`` (q,) >= 1 samples.
+        ``times`` (q,); of each the first ``counts`` (q,) >= 1 samples. ``asked``: with what
+        covariance ``k(t)`` to the samples, if it is not the process itself.
         """
 
     @abstractmethod
@@ -206,8 +209,11 @@ class MarkovFactor(Factor):
         self._step[:, first:until] = step[:, :, 0]
         return self._kernel.past(np.maximum(ends - times, 0.0))
 
-    def products(self, times: Array, counts: Counts) -> tuple[Array, Array]:
+    def products(
+        self, times: Array, counts: Counts, asked: Cross | None = None
+    ) -> tuple[Array, Array]:
         """Of the blocks that end before a query, by their sums."""
+        cross = asked or self._kernel
         last = (counts - 1) // _BLOCK
         ends = self.times[_BLOCK - 1 : self.count : _BLOCK]
         first = np.minimum(np.searchsorted(ends, times, side="right"), last)
@@ -217,30 +223,33 @@ class MarkovFactor(Factor):
         state = np.zeros((self._groups, len(times), self._kernel.rank))
         late = np.flatnonzero(first)
         if len(late):
-            future = self._kernel.future((times[late] - ends[first[late] - 1])[:, None])
+            future = cross.future((times[late] - ends[first[late] - 1])[:, None])
             seen = (future @ self._sums[:, first[late] - 1])[:, :, 0]
             found[:, late], state[:, late] = seen[..., :columns], seen[..., columns:]
             explained[:, late] = (future[:, :, 0] * seen[..., columns:]).sum(axis=2)
-        for b, asked, white in self._forward(times, counts, first, state):
+        for b, looking, white in self._forward(times, counts, first, state, cross):
             known = _by_panels(white, self.white[:, b * _BLOCK : (b + 1) * _BLOCK])
-            found[:, asked] += known[:, : len(asked)]
-            explained[:, asked] += np.einsum("gqi,gqi->gq", white, white)[:, : len(asked)]
+            found[:, looking] += known[:, : len(looking)]
+            explained[:, looking] += np.einsum("gqi,gqi->gq", white, white)[:, : len(looking)]
         return found, explained
 
     def whitened(self, times: Array, counts: Counts) -> Array:
         """From the first block on."""
         state = np.zeros((self._groups, len(times), self._kernel.rank))
         found = np.zeros((self._groups, len(times), rounded_up(int(counts.max(initial=0)))))
-        for b, asked, white in self._forward(times, counts, np.zeros_like(counts), state):
+        for b, asked, white in self._forward(
+            times, counts, np.zeros_like(counts), state, self._kernel
+        ):
             found[:, asked, b * _BLOCK : (b + 1) * _BLOCK] = white[:, : len(asked)]
         return found
 
     def _forward(
-        self, times: Array, counts: Counts, first: Counts, state: Array
+        self, times: Array, counts: Counts, first: Counts, state: Array, cross: Cross
     ) -> Iterator[tuple[int, Counts, Array]]:
         """Yield each block's number, the queries that look at it, and ``v_b`` (G, panels, 32).
 
-        ``first`` (q,): the block each query begins with; ``state`` (G, q, r) S there, overwritten.
+        ``first`` (q,): the block each query begins with; ``state`` (G, q, r) S there, overwritten;
+        ``cross``: with what covariance to the samples.
         """
         if not len(times):
             return
@@ -250,7 +259,7 @@ class MarkovFactor(Factor):
         query = np.concatenate(looks)
         place = np.repeat(numbers, [len(asked) for asked in looks])
         apart = times[query, None] - self.times.reshape(-1, _BLOCK)[place]
-        covariances = self._kernel(np.abs(apart, out=apart))
+        covariances = cross.cross(apart)
         end = 0
         for b, asked in zip(numbers, looks, strict=True):
             if not len(asked):
@@ -332,9 +341,11 @@ class DenseFactor(Factor):
             self._lower[:, here, here] = np.linalg.cholesky(block)
             self.white[:, here] = _solved(self._lower[:, here, here], unseen)
 
-    def products(self, times: Array, counts: Counts) -> tuple[Array, Array]:
+    def products(
+        self, times: Array, counts: Counts, asked: Cross | None = None
+    ) -> tuple[Array, Array]:
         """By all of v."""
-        white = np.swapaxes(self.whitened(times, counts), 1, 2)
+        white = np.swapaxes(self._whitened(times, counts, asked or self._kernel), 1, 2)
         columns = np.swapaxes(self.white[:, : white.shape[1]], 1, 2)
         panels = np.zeros((*white.shape[:2], _in_panels(len(times))))
         panels[..., : len(times)] = white
@@ -343,12 +354,14 @@ class DenseFactor(Factor):
 
     def whitened(self, times: Array, counts: Counts) -> Array:
         """By sizes."""
+        return self._whitened(times, counts, self._kernel)
+
+    def _whitened(self, times: Array, counts: Counts, cross: Cross) -> Array:
         rows = rounded_up(int(counts.max(initial=0)))
         white = np.zeros((self._groups, len(times), rows))
         for size, chosen in _by_size(counts):
             panel = np.zeros((self._groups, _in_panels(len(chosen)), size))
-            apart = np.abs(times[chosen, None] - self.times[:size])
-            panel[:, : len(chosen)] = self._kernel(apart)
+            panel[:, : len(chosen)] = cross.cross(times[chosen, None] - self.times[:size])
             _solve_rows(self._lower, panel)
             white[:, chosen, :size] = panel[:, : len(chosen)]
         white *= np.arange(rows) < counts[:, None]

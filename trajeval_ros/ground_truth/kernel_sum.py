@@ -13,7 +13,7 @@ positive numbers, so they are as accurate as k itself.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,18 @@ from trajeval_ros.ground_truth.kernels import Kernel, Matern
 
 Array = npt.NDArray[np.float64]
 _AnyKernel = TypeVar("_AnyKernel", bound=Kernel)
+
+
+class Cross(Protocol):
+    """The covariance of something asked with the samples."""
+
+    def cross(self, apart: Array) -> Array:
+        """Of queries ``apart`` (a, b) seconds later than the samples; (G, a, b)."""
+        ...
+
+    def future(self, apart: Array) -> Array:
+        """``future`` of queries ``apart`` (a, b) seconds, not negative, after; (G, a, b, r)."""
+        ...
 
 
 class KernelSum:
@@ -55,6 +67,15 @@ class KernelSum:
             total += part
         return total
 
+    def cross(self, apart: Array) -> Array:
+        """``k`` of queries and samples, the queries ``apart`` (a, b) seconds later; (G, a, b)."""
+        return self(np.abs(apart))
+
+    @property
+    def slope(self) -> KernelSlope:
+        """The covariance of the motion's derivative with the samples."""
+        return KernelSlope(self)
+
     def past(self, apart: Array) -> Array:
         """``past`` of times ``apart`` (a, b) seconds, not negative; (G, a, b, r)."""
         return np.concatenate(
@@ -81,9 +102,50 @@ class KernelSum:
             begin = here.stop
         return result
 
+    def parts(self) -> Iterator[tuple[Kernel, Array, Array]]:
+        """Each kernel with its ``σ²`` and ``l``, (G, 1, 1) both."""
+        return zip(self._kernels, self._variances, self._lengths, strict=True)
+
     def _scaled(
         self, kernels: Iterable[_AnyKernel], apart: Array
     ) -> Iterator[tuple[_AnyKernel, Array, Array]]:
         """Each kernel with its ``σ²`` (G, 1, 1) and ``apart / l`` (G, a, b)."""
         for kernel, variance, length in zip(kernels, self._variances, self._lengths, strict=True):
             yield kernel, variance, apart / length
+
+
+class KernelSlope:
+    """``∂k(t, t')/∂t`` of the kernels that are motion; noise has no derivative and is left out.
+
+    It is the covariance of the motion's derivative at t with a sample at t'.
+    """
+
+    def __init__(self, kernel: KernelSum) -> None:
+        """Take a sum of kernels."""
+        self._kernel = kernel
+        self.variance: Array = np.sum(
+            [
+                v[:, 0, 0] * each.curvature / length[:, 0, 0] ** 2
+                for each, v, length in kernel.parts()
+            ],
+            axis=0,
+        )
+        """Of the derivative, ``-k''(0)`` of each group; (G,)."""
+
+    def cross(self, apart: Array) -> Array:
+        """``sign(u) k'(|u|)`` of queries ``apart`` (a, b) seconds after the samples; (G, a, b)."""
+        total = np.zeros((len(self.variance), *apart.shape))
+        for each, variance, length in self._kernel.parts():
+            total += variance / length * each.derivative(np.abs(apart) / length)
+        return np.asarray(total * np.sign(apart))
+
+    def future(self, apart: Array) -> Array:
+        """The derivative of the sum's ``future``; (G, a, b, r)."""
+        return np.concatenate(
+            [
+                (variance / length)[..., None] * each.future_derivative(apart / length)
+                for each, variance, length in self._kernel.parts()
+                if isinstance(each, Matern)
+            ],
+            axis=-1,
+        )

@@ -29,6 +29,15 @@ class Kernel(Protocol):
         """Return ``ρ(u)`` and ``-u ρ'(u)``, which is ``∂ρ/∂log l``, elementwise."""
         ...
 
+    @property
+    def curvature(self) -> float:
+        """``-ρ''(0)``, the variance of the derivative; 0 for noise, which has none."""
+        ...
+
+    def derivative(self, u: Array) -> Array:
+        """Return ``ρ'(u)``, elementwise, for ``u >= 0``; zero for noise."""
+        ...
+
 
 class SquaredExponential:
     """``ρ(u) = exp(-u²/2)``: infinitely smooth; the paper's choice."""
@@ -42,6 +51,15 @@ class SquaredExponential:
         square = u * u
         correlation = np.exp(-0.5 * square)
         return correlation, square * correlation
+
+    @property
+    def curvature(self) -> float:
+        """``-ρ''(0) = 1``."""
+        return 1.0
+
+    def derivative(self, u: Array) -> Array:
+        """Return ``-u exp(-u²/2)``."""
+        return np.asarray(-u * np.exp(-0.5 * u * u))
 
 
 class Matern:
@@ -67,6 +85,16 @@ class Matern:
         decay = np.exp(-a)
         return _polynomial(self.coefficients, a) * decay, _polynomial(self.slope, a) * a * a * decay
 
+    @property
+    def curvature(self) -> float:
+        """``-ρ''(0) = r² s₀``, of the first of the slope's coefficients."""
+        return self.rate**2 * self.slope[0]
+
+    def derivative(self, u: Array) -> Array:
+        """Return ``ρ'(u) = -r a Σ_j s_j aʲ exp(-a)``, elementwise, for ``u >= 0``."""
+        a = self.rate * u
+        return np.asarray(-self.rate * a * _polynomial(self.slope, a) * np.exp(-a))
+
     def past(self, u: Array) -> Array:
         """Return ``Φ(u)ᵀ e₀``, (..., r): ``aⁱ exp(-a)``."""
         a = self.rate * u
@@ -83,6 +111,13 @@ class Matern:
             for i in range(j + 1):
                 weights[j - i, i] = coefficient * math.comb(j, i)
         return np.asarray(powers @ weights)
+
+    def future_derivative(self, u: Array) -> Array:
+        """Return ``Φ'(u) c``, (..., r): ``r ((i + 1) f_(i+1) - f_i)`` with ``f = Φ(u) c``."""
+        future = self.future(u)
+        result = -future
+        result[..., :-1] += future[..., 1:] * np.arange(1, len(self.coefficients))
+        return np.asarray(self.rate * result)
 
     def transition(self, u: Array) -> Array:
         """Return ``Φ(u)``, (..., r, r): ``binom(j, i) a^(j - i) exp(-a)``, for ``u >= 0``."""
@@ -104,6 +139,19 @@ class Exponential(Matern):
         """Return ``exp(-u)`` and ``u exp(-u)``."""
         correlation = np.exp(-u)
         return correlation, u * correlation
+
+    @property
+    def curvature(self) -> float:
+        """None: noise has no derivative, and is no motion."""
+        return 0.0
+
+    def derivative(self, u: Array) -> Array:
+        """Return zero."""
+        return np.zeros_like(u)
+
+    def future_derivative(self, u: Array) -> Array:
+        """Return zero; (..., 1)."""
+        return np.zeros((*u.shape, 1))
 
 
 class Matern32(Matern):

@@ -91,6 +91,21 @@ class Regression:
         least = _ROUND_OFF * self._variance
         return np.swapaxes(mean, 0, 1), np.maximum(variance.T, least)
 
+    def slope(self, times: Array, counts: Counts) -> tuple[Array, Array]:
+        """Return the motion's derivative, mean (q, G, c) and variance over ``s²`` (q, G).
+
+        Given the first ``counts`` (q,) samples. It is ``posterior`` with ``∂k/∂t`` for k; the
+        correlated noise, which has no derivative, is not motion.
+        """
+        slope = self._kernel.slope
+        products, explained = self._factor.products(times, counts, slope)
+        sums = self._sums[:, counts - 1]
+        r, information = -products[..., 0], sums[..., 0]
+        mean = products[..., 1:] + (r / information)[..., None] * sums[..., 1:-1]
+        variance = slope.variance[:, None] - explained + r * r / information
+        least = _ROUND_OFF * slope.variance
+        return np.swapaxes(mean, 0, 1), np.maximum(variance.T, least)
+
     def squares(self, counts: Counts) -> Array:
         """``Σ q`` over a group's coordinates, given the first ``counts`` (q,) samples; (q, G)."""
         sums = self._sums[:, counts - 1]

@@ -266,6 +266,20 @@ class Segment:
         reference = self._samples.poses[0]
         return LocalAnswer(reference, mean.reshape(-1, 6), variances, np.sqrt(factor))
 
+    def twist(self, epoch: Epoch, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:
+        """Return the body twists (q, 6) and covariances (q, 6, 6), given samples up to ``until``.
+
+        Of the local coordinates' derivative ``ẋ`` it is ``B ẋ``, B as in `_to_body`.
+        """
+        counts, seconds = self.counts(until), self._seconds(stamps)
+        mean, variances = epoch.regression.slope(seconds, counts)
+        variances = np.repeat(variances, mean.shape[2], axis=1)
+        variances *= np.repeat(epoch.scale(counts), 3, axis=1)
+        phi = epoch.regression.posterior(seconds, counts)[0].reshape(-1, 6)[:, 3:]
+        to_body = _to_body(phi, se3.exp_so3(phi))
+        twist = (to_body @ mean.reshape(-1, 6, 1))[..., 0]
+        return twist, (to_body * variances[:, None]) @ np.swapaxes(to_body, 1, 2)
+
     def cross_variances(
         self, epoch: Epoch, stamps: Stamps, known: int, until: Stamps
     ) -> list[Array]:

@@ -180,6 +180,25 @@ class GroundTruth:
             cross = self._joint.extend(stamps, until, covariances, parts, answers)
         return Posterior(poses, covariances, self._sampled(stamps), cross)
 
+    def twist(self, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:
+        """Return the body twists (q, 6), m/s and rad/s, and their covariances (q, 6, 6).
+
+        The process's own derivative: of its motion, not of its correlated noise. The arguments as
+        for `posterior`. Where two segments hand over, it is theirs by their weights.
+        """
+        if not self._processes:
+            raise ValueError("the hyperparameters are not known yet")
+        self._advance()
+        twists, covariances = np.zeros((len(stamps), 6)), np.zeros((len(stamps), 6, 6))
+        for blended in self._segmentation:
+            for part in _parts(blended, stamps, until):
+                mean, covariance = part.segment.twist(
+                    part.epoch, stamps[part.asked], until[part.asked]
+                )
+                twists[part.asked] += part.share[:, None] * mean
+                covariances[part.asked] += part.share[:, None, None] * covariance
+        return twists, covariances
+
     def _sampled(self, stamps: Stamps) -> Mask:
         """Which of ``stamps`` (q,) do not lie in a gap, by the samples up to the next one."""
         last = len(self._stamps) - 1
