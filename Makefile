@@ -20,8 +20,8 @@ WORKERS = --numprocesses=auto --maxprocesses=4 --dist=loadfile
 NONE_IS_FINE = $(if $(strip $(ARGS)),|| [ $$? -eq 5 ])
 
 # What needs no ROS: the mathematics, the engine, the files, the report.
-NOBLE_TESTS = $(wildcard $(foreach name,se3 ground_truth metrics online files report, \
-	test/$(name) test/test_$(name).py))
+NOBLE_TESTS = $(wildcard $(foreach name,alignment conventional degenerate diagnosis files \
+	ground_truth likelihood online report se3,test/$(name) test/test_$(name).py))
 
 # Nodes of this machine only; messages type-checked as they are built; rclpy wants a HOME.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -134,7 +134,7 @@ format: install
 ## bench: the benchmarks, as a table
 .PHONY: bench
 bench: install
-	@.venv/bin/python -m benchmarks
+	@.venv/bin/python -m performance
 
 # make fuzz SEED=7 CASES=2000; make soak HOURS=2
 SEED  ?= 1

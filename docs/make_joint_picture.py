@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.metrics.absolute import absolute
-from trajeval_ros.metrics.figures import p_value
+from trajeval_ros.likelihood.absolute import absolute
+from trajeval_ros.likelihood.figures import p_value
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.window import joint_covariance

@@ -7,7 +7,7 @@
 
 ``gap`` wants TUM's freiburg2_desk, which has a gap of 12 s in its ground truth. ``report`` takes a
 picture of the upper part of a report with chromium. The other pictures are made by
-``docs/make_joint_picture.py`` and ``benchmarks/calibration.py``.
+``docs/make_joint_picture.py`` and ``performance/calibration.py``.
 """
 
 from __future__ import annotations

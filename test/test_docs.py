@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 SOURCES = [
     path
-    for folder in ("trajeval_ros", "test", "benchmarks", "launch", "config")
+    for folder in ("trajeval_ros", "test", "performance", "launch", "config")
     for path in sorted((ROOT / folder).rglob("*"))
     if path.suffix in {".py", ".yaml"} and path != Path(__file__)
 ]

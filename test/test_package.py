@@ -37,7 +37,7 @@ def arguments(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 
 def sources() -> list[Path]:
-    directories = ("benchmarks", "fuzz", "launch", "test", "trajeval_ros")
+    directories = ("performance", "fuzz", "launch", "test", "trajeval_ros")
     found = (path for name in directories for path in (ROOT / name).rglob("*.py"))
     return [ROOT / "setup.py", *sorted(found)]
 
@@ -171,8 +171,8 @@ def test_architecture_contracts_hold() -> None:
     [
         ("se3.py", "import scipy", "SE(3) is NumPy alone"),
         ("se3.py", "from trajeval_ros import online", "One way in"),
-        ("ground_truth/__init__.py", "from trajeval_ros import metrics", "One way in"),
-        ("metrics/__init__.py", "from rclpy.node import Node", "Nothing below the node"),
+        ("ground_truth/__init__.py", "from trajeval_ros import likelihood", "One way in"),
+        ("likelihood/__init__.py", "from rclpy.node import Node", "Nothing below the node"),
         ("online/__init__.py", "def now():\n    import time", "Nothing below the node"),
         ("online/__init__.py", "import matplotlib.pyplot", "The mathematics and the engine"),
     ],

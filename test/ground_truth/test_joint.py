@@ -18,7 +18,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
 )
 from trajeval_ros.ground_truth.segmentation import Segmentation
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
-from trajeval_ros.metrics.joint import JointFactor
+from trajeval_ros.likelihood.joint import JointFactor
 
 
 def joint_truth(samples, hyperparameters=GIVEN, shape=SHAPE, kernel="matern52"):

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.ground_truth.hyperparameters import (
     Component,
     GroupHyperparameters,
@@ -32,7 +33,6 @@ from trajeval_ros.node.figures import STATUSES, flatten
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.online.results import Health, TopicHealth
-from trajeval_ros.report.causes import Cause
 
 SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND

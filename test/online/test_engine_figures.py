@@ -28,7 +28,7 @@ from twins.runs import (
 )
 
 from trajeval_ros import se3
-from trajeval_ros.metrics.gauge import GAUGES
+from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.samples import PoseSamples

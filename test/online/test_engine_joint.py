@@ -20,10 +20,10 @@ from twins.runs import (
 )
 
 from trajeval_ros import se3
-from trajeval_ros.metrics.absolute import absolute
-from trajeval_ros.metrics.figures import p_value
-from trajeval_ros.metrics.gauge import GAUGES
-from trajeval_ros.metrics.relative import relative
+from trajeval_ros.alignment.gauge import GAUGES
+from trajeval_ros.likelihood.absolute import absolute
+from trajeval_ros.likelihood.figures import p_value
+from trajeval_ros.likelihood.relative import relative
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.online.window import joint_covariance

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.alignment.gauge import GAUGES
+from trajeval_ros.alignment.umeyama import Gauge
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import SECOND, Inputs
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
-from trajeval_ros.metrics.gauge import GAUGES
-from trajeval_ros.metrics.umeyama import Gauge
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
@@ -26,7 +26,7 @@ from trajeval_ros.online.results import Evaluations, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
-from trajeval_ros.report.wall import shield
+from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
 

@@ -151,7 +151,7 @@ class MotionAndNoise:
     prior: flat in log n_0 from a fifth of the soft limit to the limit, falling off on both sides.
     Where rough motion can stand for the noise, the likelihood hardly falls as n_0 goes to zero, and
     the errors between the samples would be many times as large as such a process says: samples have
-    to show that they are cleaner than usual. The constants come from ``benchmarks/calibration.py``
+    to show that they are cleaner than usual. The constants come from ``performance/calibration.py``
     (``docs/calibration.md``).
     """
 

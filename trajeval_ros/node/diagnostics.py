@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import IntEnum
 
+from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.node.session import UNDECODABLE
 from trajeval_ros.online.results import Health, TopicHealth
-from trajeval_ros.report.causes import Cause
 
 _SECOND = 1_000_000_000
 _SILENCE = 5.0

@@ -25,7 +25,7 @@ from trajeval_ros.node.session import Session
 from trajeval_ros.node.visualization import Visualization
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.report.wall import shield
+from trajeval_ros.wall import shield
 
 _BATCH_PERIOD = 0.02
 # The part of the time that batches, or the figures of the window, may take before they become rarer

@@ -4,14 +4,10 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
 
-DONE = 0
-NOT_WRITTEN = 1
-WRONG_USAGE = 2
+from trajeval_ros.node.ending import DONE, WRONG_USAGE, Stop, fail
 
 USAGE = """\
 usage: evaluator [--help] [--ros-args -r estimate:=TOPIC -r ground_truth:=TOPIC
@@ -19,24 +15,6 @@ usage: evaluator [--help] [--ros-args -r estimate:=TOPIC -r ground_truth:=TOPIC
 
 Scores an estimated trajectory against ground truth while both arrive.
 Ends on Ctrl-C; writes its results where the parameter output.directory says."""
-
-
-class Stop:
-    """Whether the process is to end. A second signal does not disturb what the first began."""
-
-    def __init__(self) -> None:
-        """Answer SIGINT and SIGTERM from now on."""
-        self.requested = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._request)
-
-    def over(self) -> None:
-        """All is done: Python takes our handlers away before it is gone itself."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
-
-    def _request(self, number: int, frame: FrameType | None) -> None:
-        self.requested = True
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -59,12 +37,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     code = run(arguments, stop)
     stop.over()
-    return code
-
-
-def fail(message: str, code: int) -> int:
-    """Say in one line what is wrong, and return the exit code."""
-    sys.stderr.write(f"evaluator: error: {message}\n")
     return code
 
 

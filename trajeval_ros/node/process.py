@@ -12,8 +12,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
+from trajeval_ros.node.ending import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail
 from trajeval_ros.node.evaluator import Evaluator
-from trajeval_ros.node.main import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail
 from trajeval_ros.online.parameters import ParameterError
 from trajeval_ros.rcl_errors import first_line
 

@@ -11,13 +11,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.output import FILES, OutputError, OutputFolder
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
-from trajeval_ros.report.causes import Cause
 
 UNDECODABLE = "undecodable"
 """Why a message is rejected that the engine never sees."""

@@ -17,7 +17,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from trajeval_ros import se3
-from trajeval_ros.metrics.gauge import Similarity
+from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.node.outputs import time_message
 from trajeval_ros.node.trail import Poses, Trail
 from trajeval_ros.online.results import Results

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.hyperparameters import (
     FURTHER_COMPONENTS,
@@ -28,8 +29,7 @@ from trajeval_ros.ground_truth.screen import Screen, Screened
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import SegmentShape
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
-from trajeval_ros.metrics.conventional import ENOUGH_TO_ALIGN
-from trajeval_ros.metrics.gaussian import CovarianceError, positive_definite
+from trajeval_ros.likelihood.gaussian import CovarianceError, positive_definite
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.doubts import CovarianceDoubts
 from trajeval_ros.online.evaluation import Evaluation

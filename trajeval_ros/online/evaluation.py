@@ -9,14 +9,14 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.metrics.absolute import RunningAbsolute, absolute_residual
-from trajeval_ros.metrics.conventional import RunningConventional
-from trajeval_ros.metrics.first_order import FirstOrderAbsolute
-from trajeval_ros.metrics.gauge import GAUGES, SE3, Gauge, Similarity
-from trajeval_ros.metrics.gaussian import GaussianLogLikelihood
-from trajeval_ros.metrics.joint import FactorRows, JointFactor
-from trajeval_ros.metrics.observability import Observability
-from trajeval_ros.metrics.relative import RunningRelative
+from trajeval_ros.alignment.gauge import GAUGES, SE3, Gauge, Similarity
+from trajeval_ros.alignment.observability import Observability
+from trajeval_ros.conventional.running import RunningConventional
+from trajeval_ros.likelihood.absolute import RunningAbsolute, absolute_residual
+from trajeval_ros.likelihood.first_order import FirstOrderAbsolute
+from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
+from trajeval_ros.likelihood.joint import FactorRows, JointFactor
+from trajeval_ros.likelihood.relative import RunningRelative
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.residuals import MeanSquares, ResidualMoments
 from trajeval_ros.online.results import Evaluations

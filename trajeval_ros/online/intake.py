@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.metrics.gaussian import is_indefinite
+from trajeval_ros.likelihood.gaussian import is_indefinite
 from trajeval_ros.online.accounting import Account, Reason
 from trajeval_ros.online.samples import PoseSamples
 

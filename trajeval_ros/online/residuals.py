@@ -9,9 +9,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.metrics.gauge import Similarity
-from trajeval_ros.metrics.rotation_moments import RotationMoments
-from trajeval_ros.metrics.umeyama import Moments
+from trajeval_ros.alignment.gauge import Similarity
+from trajeval_ros.alignment.rotation_moments import RotationMoments
+from trajeval_ros.alignment.umeyama import Moments
 
 Array = npt.NDArray[np.float64]
 

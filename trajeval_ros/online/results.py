@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.ground_truth.faults import Fault
 from trajeval_ros.ground_truth.fit import Fit
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
-from trajeval_ros.metrics.gauge import Similarity
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]

@@ -11,18 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.alignment.gauge import Gauge, Similarity
+from trajeval_ros.alignment.observability import Observability
+from trajeval_ros.conventional.distributions import Distribution
 from trajeval_ros.ground_truth.fit import Fit
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
-from trajeval_ros.metrics.absolute import Absolute, absolute
-from trajeval_ros.metrics.conventional import Distribution
-from trajeval_ros.metrics.figures import figures
-from trajeval_ros.metrics.first_order import absolute_first_order
-from trajeval_ros.metrics.gauge import Gauge, Similarity
-from trajeval_ros.metrics.gaussian import CovarianceError, GaussianLogLikelihood
-from trajeval_ros.metrics.joint import FactorRows
-from trajeval_ros.metrics.noise_equivalent import noise_equivalent_error
-from trajeval_ros.metrics.observability import Observability
-from trajeval_ros.metrics.relative import RunningRelative, relative, steps_likelihood
+from trajeval_ros.likelihood.absolute import Absolute, absolute
+from trajeval_ros.likelihood.figures import figures
+from trajeval_ros.likelihood.first_order import absolute_first_order
+from trajeval_ros.likelihood.gaussian import CovarianceError, GaussianLogLikelihood
+from trajeval_ros.likelihood.joint import FactorRows
+from trajeval_ros.likelihood.noise_equivalent import noise_equivalent_error
+from trajeval_ros.likelihood.relative import RunningRelative, relative, steps_likelihood
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Health

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.metrics.joint import FactorRows, JointFactor
+from trajeval_ros.likelihood.joint import FactorRows, JointFactor
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -37,7 +37,7 @@ class EvaluatedPoses:
 
     @property
     def joint_covariance(self) -> Array | FactorRows:
-        """The covariance of all poses, as `trajeval_ros.metrics` takes it."""
+        """The covariance of all poses, as `trajeval_ros.likelihood` takes it."""
         return joint_covariance(self.covariance, self.cross)
 
     def where(self, mask: Mask) -> EvaluatedPoses:
@@ -71,7 +71,7 @@ def joint_covariance(covariance: Array, cross: tuple[Array, ...] | None) -> Arra
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Consecutive poses and the M - 1 steps between them, as in `trajeval_ros.metrics.relative`.
+    """Consecutive poses and the M - 1 steps between them, as in `trajeval_ros.likelihood.relative`.
 
     ``error`` (M - 1, 6) and ``adjoint`` (M - 1, 6, 6).
     """

@@ -12,7 +12,7 @@ from pathlib import Path
 from trajeval_ros.report import words
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import Series, make_series
-from trajeval_ros.report.wall import shield
+from trajeval_ros.wall import shield
 
 _STYLE = Path(__file__).with_name("style.css")
 

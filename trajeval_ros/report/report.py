@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.causes import likely_causes
 from trajeval_ros.online.results import Notice, Results
-from trajeval_ros.report.causes import Cause, likely_causes
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.track import Track
-from trajeval_ros.report.wall import shield
+from trajeval_ros.wall import shield
 
 # A node that runs for weeks does not gather more lines than this.
 _MOST_DEFECTS = 20

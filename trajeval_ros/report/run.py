@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.results import Notice
-from trajeval_ros.report.causes import Cause
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.track import Records
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.metrics.gauge import Similarity
+from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.report.coverage import SECOND, Coverage, Gap
 from trajeval_ros.report.run import Run
 

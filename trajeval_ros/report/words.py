@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS
-from trajeval_ros.metrics.figures import p_value as two_sided_p_value
+from trajeval_ros.likelihood.figures import p_value as two_sided_p_value
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.report.coverage import SECOND, Coverage

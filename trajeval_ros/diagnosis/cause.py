@@ -1,0 +1,21 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A likely cause: what is wrong, by what evidence, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """``code`` in snake_case, ``text`` with the evidence, ``advice``: what to set."""
+
+    code: str
+    text: str
+    advice: str
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong and what to do about it."""
+        return f"likely cause: {self.text}. To try: {self.advice}."

@@ -1,0 +1,50 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a log-likelihood says, in figures a person can use (``docs/method.md``, section 5)."""
+
+import math
+from dataclasses import dataclass
+
+from scipy.special import chdtr, chdtrc
+
+from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """A log-likelihood's figures; those without a meaning for it are None.
+
+    chi2_per_dof: near 1 where the estimate cannot be told from the ground truth. None with no
+    degree of freedom.
+    deviations: its square root, how many standard deviations of the ground truth an error is worth.
+    nats_per_pose: the log-likelihood divided by the number of poses. None without a pose.
+    p_value: two-sided, of chi2 under the chi-squared distribution: how often a perfect estimate
+    would have a chi2 as far out as this, on either side. Near zero for an estimate that is worse
+    than the ground truth; but also where chi2 is too small: the covariance is then too large.
+    """
+
+    chi2_per_dof: float | None
+    deviations: float | None
+    nats_per_pose: float | None
+    p_value: float | None
+
+
+def p_value(chi2: float, dof: int) -> float:
+    """The two-sided p-value of chi2 with ``dof`` > 0 degrees of freedom.
+
+    Twice the smaller tail: uniform on [0, 1] where the residuals are drawn from their covariance.
+    """
+    return min(1.0, 2.0 * min(float(chdtr(dof, chi2)), float(chdtrc(dof, chi2))))
+
+
+def figures(likelihood: GaussianLogLikelihood, poses: int) -> Figures:
+    """The figures of the log-likelihood of so many poses."""
+    # Round-off may leave a chi2 of zero below it.
+    chi2, dof = max(likelihood.chi2, 0.0), likelihood.dof
+    ratio = chi2 / dof if dof > 0 else None
+    return Figures(
+        chi2_per_dof=ratio,
+        deviations=None if ratio is None else math.sqrt(ratio),
+        nats_per_pose=likelihood.log_likelihood / poses if poses > 0 else None,
+        p_value=p_value(chi2, dof) if dof > 0 else None,
+    )
