@@ -219,3 +219,43 @@ def real_pair(directory: str, name: str) -> tuple[npt.NDArray[np.int64], Array, 
         for each, rows in ((truth, nearest[near]), (other, near))
     ]
     return other.stamps[near], known, scored
+
+
+@pytest.mark.parametrize("applied", [0.0, -0.2, 0.5, -1.0])
+def test_the_advised_offset_is_the_value_to_set(applied: float) -> None:
+    # 0.2 s are to be added to the estimate's stamps, of which `applied` has been.
+    late = estimate(SECONDS + 0.2 - applied, noise=0.002)
+    causes = likely_causes(STAMPS, motion(SECONDS), late, "se3", time_offset=applied)
+    assert named(causes) == ["clock_offset"]
+    assert float(causes[0].advice.partition("=")[2]) == pytest.approx(0.2, abs=0.01)
+
+
+def body_turn(advice: str) -> Array:
+    """The pose that an advice says to set as the extrinsic."""
+    numbers = np.array([float(v) for v in advice.split("=")[1].split(", ")[0].split(",")])
+    return se3.from_position_quaternion(numbers[:3], numbers[3:] / np.linalg.norm(numbers[3:]))
+
+
+@pytest.mark.parametrize("applied", [np.zeros(3), np.array([0.0, 0.0, 1.0])])
+def test_the_advised_extrinsic_is_the_value_to_set(applied: Array) -> None:
+    turn, set_now = (
+        se3.exp(np.concatenate([np.zeros(3), v])) for v in (np.array([0.3, 1.4, -0.2]), applied)
+    )
+    as_it_came = se3.compose(estimate(), turn)
+    evaluated = se3.compose(as_it_came, se3.inverse(set_now))
+    causes = likely_causes(STAMPS, motion(SECONDS), evaluated, "se3", extrinsic=set_now)
+    assert named(causes) == ["body_frame"]
+    left = se3.log(se3.compose(se3.inverse(turn), body_turn(causes[0].advice)))
+    assert np.abs(left[3:]).max() < 0.02
+
+
+def test_an_extrinsic_that_does_not_fit_is_named() -> None:
+    wrong = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.5]))
+    evaluated = se3.compose(estimate(), se3.inverse(wrong))
+    causes = likely_causes(STAMPS, motion(SECONDS), evaluated, "se3", extrinsic=wrong)
+    assert named(causes) == ["body_frame"]
+    assert "set extrinsic=0,0,0,0,0,0,1" in causes[0].advice
+    # The right one is not.
+    turned = se3.compose(estimate(), wrong)
+    right = se3.compose(turned, se3.inverse(wrong))
+    assert likely_causes(STAMPS, motion(SECONDS), right, "se3", extrinsic=wrong) == ()

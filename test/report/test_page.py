@@ -157,7 +157,7 @@ def test_page_without_matplotlib_has_the_tables_and_says_how_to_get_the_rest(
     assert "svg" not in reader.tags
 
 
-def broken(*arguments: Any) -> Any:
+def broken(*arguments: Any, **named: Any) -> Any:
     raise ZeroDivisionError("a defect")
 
 

@@ -20,8 +20,13 @@ _CORRELATION_LACK = 0.3
 _STEADY = 1e-9
 
 
-def clock_offset(stamps: Stamps, ground_truth: Array, estimate: Array) -> tuple[Cause, ...]:
-    """An offset between the two clocks, from the angular speeds."""
+def clock_offset(
+    stamps: Stamps, ground_truth: Array, estimate: Array, applied: float
+) -> tuple[Cause, ...]:
+    """An offset between the two clocks, from the angular speeds.
+
+    ``applied`` (s) has been added to the estimate's stamps already.
+    """
     step = float(np.median(np.diff(stamps))) / SECOND
     if not 0.0 < step <= 0.25:
         return ()
@@ -54,13 +59,15 @@ def clock_offset(stamps: Stamps, ground_truth: Array, estimate: Array) -> tuple[
     lack = (1.0 - here) / max(1.0 - correlation[longest], 1e-3)
     if abs(offset) < _SHORTEST_OFFSET or here < _CORRELATION or lack > _CORRELATION_LACK:
         return ()
+    whole = applied + offset
+    known = f" (estimate.time_offset is {applied:g})" if applied else ""
     return (
         Cause(
             "clock_offset",
-            f"the estimate's clock is off by {-offset:.3f} s: the angular speeds correlate to"
-            f" {here:.3f} when {offset:+.3f} s are added to its stamps,"
+            f"the estimate's clock is off by {-whole:.3f} s{known}: the angular speeds correlate to"
+            f" {here:.3f} when {whole:+.3f} s are added to its stamps,"
             f" to {correlation[longest]:.3f} as they stand",
-            f"set estimate.time_offset={offset:.3f}",
+            f"set estimate.time_offset={whole:.3f}",
         ),
     )
 

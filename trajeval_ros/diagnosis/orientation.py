@@ -9,6 +9,8 @@ The best B is Wahba's problem. What no B explains is a quaternion that was read 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -32,14 +34,27 @@ _WRONG = 0.4
 _EXPLAINED = 0.25
 
 
-def misread_or_turned(stamps: Stamps, ground_truth: Array, estimate: Array) -> tuple[Cause, ...]:
-    """Quaternions read wrongly, or a body frame that is turned."""
+def misread_or_turned(
+    stamps: Stamps, ground_truth: Array, estimate: Array, applied: Array
+) -> tuple[Cause, ...]:
+    """Quaternions read wrongly, or a body frame that is turned.
+
+    ``ground_truth`` and ``estimate`` (B, 3, 3), as they were evaluated: the estimate's body turned
+    by ``applied`` (3, 3), R_gtbody_estbody, already. What is found is of the poses as they came.
+    """
     first, second = pairs(stamps, STEP)
     if not turns(stamps, ground_truth):
         return ()
     fit = fit_turn(between(ground_truth, first, second), between(estimate, first, second))
     if fit.as_is < _WRONG:
         return ()
+    set_before = float(np.linalg.norm(se3.log_so3(applied))) > 0.0
+    if set_before:
+        estimate = estimate @ applied
+        raw = fit_turn(between(ground_truth, first, second), between(estimate, first, second))
+        if raw.as_is < _WRONG:
+            return (_needless_turn(fit, raw),)
+        fit = replace(raw, as_is=fit.as_is)
     reread, cause = _misread(fit, first, second, ground_truth, estimate)
     # About one axis, a turn of the body by 180 degrees looks like conjugated quaternions.
     turned = fit.turned < _EXPLAINED and (fit.axes > 1 or fit.turned < reread.as_is)
@@ -104,6 +119,16 @@ _READINGS = (
         "invert the {}'s rotations",
     ),
 )
+
+
+def _needless_turn(fit: TurnFit, raw: TurnFit) -> Cause:
+    """An extrinsic whose rotation the poses contradict."""
+    return Cause(
+        "body_frame",
+        f"the rotation of the extrinsic does not fit: {100 * fit.as_is:.0f} % of the rotation is"
+        f" unexplained with it, {100 * raw.as_is:.0f} % without",
+        "set extrinsic=0,0,0,0,0,0,1, with the lever arm for the first three",
+    )
 
 
 def _turned_body(fit: TurnFit) -> Cause:

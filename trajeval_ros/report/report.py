@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.causes import likely_causes
 from trajeval_ros.online.results import Notice, Results
@@ -22,7 +23,6 @@ from trajeval_ros.wall import shield
 
 # A node that runs for weeks does not gather more lines than this.
 _MOST_DEFECTS = 20
-_NO_EXTRINSIC = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 class Report:
@@ -76,14 +76,17 @@ class Report:
 
     def _causes(self) -> tuple[Cause, ...]:
         buckets = self.track.buckets()
-        if tuple(self.parameters["extrinsic"]) != _NO_EXTRINSIC:
-            # The poses are no longer as they were read; who sets this knows their frames.
-            return ()
         known = np.trace(buckets["covariance"], axis1=1, axis2=2)
         good = known < 10.0 * np.median(known) if len(known) else np.empty(0, bool)
         chosen = buckets[good]
+        extrinsic = np.array(self.parameters["extrinsic"])
         return likely_causes(
-            chosen["stamp"], chosen["ground_truth"], chosen["estimate"], self.parameters["gauge"]
+            chosen["stamp"],
+            chosen["ground_truth"],
+            chosen["estimate"],
+            self.parameters["gauge"],
+            time_offset=float(self.parameters["estimate.time_offset"]),
+            extrinsic=se3.from_position_quaternion(extrinsic[:3], extrinsic[3:]),
         )
 
     def run(self, summary: Mapping[str, Any]) -> Run:

@@ -24,6 +24,8 @@ Row = tuple[str, str, str]
 
 _DASH = "–"
 _NOT_TOLD_APART = 0.01
+# The noise of a sample is the assumed accuracy where it is no more than this times as large.
+_OF_THE_FLOOR = 1.5
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -72,7 +74,8 @@ def verdict(run: Run, series: Series | None) -> str:
     summary = run.summary
     if series is None:
         return "No estimate has been evaluated."
-    worst = int(np.argmax(series.translation_error))
+    # Where the ground truth itself is not known, in a gap, a large difference says little.
+    worst = int(np.argmax(series.translation_error - series.translation_band))
     sentences = []
     relative = summary["relative"]
     probability = p_value(relative)
@@ -97,7 +100,7 @@ def verdict(run: Run, series: Series | None) -> str:
 def _trust(run: Run, series: Series) -> str:
     gaps = coverage_gaps(run.ground_truth)
     typical = length(float(np.median(series.translation_band)))
-    text = f"The ground truth is typically known to {typical}"
+    text = f"The ground truth is typically known to {typical}{_assumed(run)}"
     if not gaps:
         return f"{text} and has no gap."
     longest = max(gaps, key=lambda gap: gap.seconds)
@@ -106,6 +109,20 @@ def _trust(run: Run, series: Series) -> str:
     count = "one gap" if len(gaps) == 1 else f"{len(gaps)} gaps, the longest"
     tail = f"; {unscored:,} estimates in there have no score" if unscored else ""
     return f"{text} and has {count} of {longest.seconds:.1f} s at {at:.0f} s{tail}."
+
+
+def _assumed(run: Run) -> str:
+    """Say so where the ground truth's accuracy is the one that was assumed, and not found."""
+    learned = run.summary["ground_truth"]["hyperparameters"]
+    floor = float(run.parameters["ground_truth.translation_std"])
+    if learned is None or run.parameters["gp.hyperparameters"] == "fixed":
+        return ""
+    if learned["translation"]["noise_std"] > _OF_THE_FLOOR * floor:
+        return ""
+    return (
+        f" (two standard deviations; a sample is assumed to be good to {length(floor)} at best:"
+        " set ground_truth.translation_std)"
+    )
 
 
 def tiles(run: Run, series: Series | None) -> list[Row]:
