@@ -8,10 +8,11 @@ factor r, as Page's test does,
 
     S_k = max(0, S_(k-1) + ½ (e_k² (1 - 1/r) - c log r)),
 
-r = 4 for a process that promises too much and r = ¼ for one that promises too little. Where one
-exceeds its threshold at a sample, the regimes near by are compared by how well each predicts the
-samples since that sum was zero, ``-½ Σ (e_k² + c log d_k²)`` plus the prior, and the best is taken
-from that sample on (``docs/method.md``, Ground truth), a function of the samples up to there.
+r = 16 for a process that promises too much and r = 1/64 for one that promises too little; less is
+for a segment's scale. Where one exceeds its threshold at a sample, the regimes near by are compared
+by how well each predicts the samples since that sum was zero, ``-½ Σ (e_k² + c log d_k²)`` plus the
+prior, and the best is taken from that sample on (``docs/method.md``, Ground truth), a function of
+the samples up to there.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ _Any = TypeVar("_Any")
 # Of a group, together.
 _COORDINATES = 3
 # Ratio of variances looked for and threshold (nats): of a process that promises too much, and of
-# one that promises too little, which does no harm for a while.
-_TESTS = ((4.0, 10.0), (0.25, 20.0))
+# one that promises too little, which does no harm for a while. A segment's scale follows smaller
+# changes, and an excursion of the motion is not a change of it.
+_TESTS = ((16.0, 15.0), (1.0 / 64.0, 40.0))
 # A regime must predict its samples better than the one before it by so much (nats).
 _LEAST_GAIN = 3.0
 # Where the variance of a prediction is less than so many times the instrument's, that rules it.
@@ -140,8 +142,13 @@ class Watch:
         self._since = [row for _ in _TESTS]
         self._looked = row
 
+    @property
+    def looked(self) -> int:
+        """The first row that was not looked at yet."""
+        return self._looked
+
     def look(self, squares: Array, telling: Mask) -> tuple[int, int] | None:
-        """Look at ``e²`` (n,) of rows 1 to n, those not looked at yet.
+        """Look at ``e²`` (n,) of the rows from ``looked`` on.
 
         A small one tells of a process that promises too little where ``telling`` (n,): elsewhere
         the instrument's accuracy, which the samples need not show, explains it.
@@ -149,7 +156,6 @@ class Watch:
         Return the first row at which a threshold is exceeded and the one since which it was
         approached, and look at all again the next time; or None.
         """
-        squares, telling = squares[self._looked - 1 :], telling[self._looked - 1 :]
         found: tuple[int, int] | None = None
         ahead = []
         for (ratio, threshold), total, since in zip(_TESTS, self._sums, self._since, strict=True):
@@ -285,22 +291,27 @@ class Adaptation:
         And the standardised mean square of the rows between.
         """
         regression = self.epochs[-1].regression
-        if regression.count < 2:
+        first = min(watch.looked for watch in self._watches)
+        if first >= regression.count:
             return None
-        shape = (2, -1, regression.count - 1)
-        squares, log_dets = (each.reshape(shape) for each in regression.innovations(1))
+        squares, log_dets = (
+            each.reshape(2, -1, regression.count - first) for each in regression.innovations(first)
+        )
         accuracy = np.array(self._process.accuracy)[:, None, None]
         telling = np.asarray((np.exp(log_dets) > _TELLING * accuracy**2).all(axis=1))
         squares = squares.sum(axis=1)
-        found = [
-            (*raised, group)
-            for group, watch in enumerate(self._watches)
-            if (raised := watch.look(squares[group], telling[group])) is not None
-        ]
+        found = []
+        for group, watch in enumerate(self._watches):
+            new = slice(watch.looked - first, None)
+            raised = watch.look(squares[group, new], telling[group, new])
+            if raised is not None:
+                found.append((*raised, group))
         if not found:
             return None
         row, since, group = min(found)
-        return row, since, group, float(squares[group, since - 1 : row].mean()) / _COORDINATES
+        seen, _ = regression.innovations(since)
+        seen = seen.reshape(2, -1, regression.count - since)[group].sum(axis=0)
+        return row, since, group, float(seen[: row + 1 - since].mean()) / _COORDINATES
 
 
 def _replaced(pair: tuple[_Any, _Any], index: int, value: _Any) -> tuple[_Any, _Any]:

@@ -36,14 +36,14 @@ _HOLD = 1e-4
 # What is found is rounded to so many decimals of its logarithms, a tenth of a per cent: the data
 # say no more, and the search amplifies the last digit of its arithmetic.
 _DECIMALS = 3
-# Regimes that a segment may be in, so many nats more probable than the usual one, and how often the
-# search is made anew with what was found of them.
-_REGIMES = tuple(
-    Regime(motion, noise) for motion in (0, *range(-16, -2, 2), 3, 5) for noise in (0, -2, 2, 4)
-)
+# Motions and noises, powers of two, that a segment's regime may have besides the usual ones. It is
+# taken where it is so many nats more probable, and the search is made with what was found.
+_MOTIONS = (0, *range(-16, -2, 2), 3, 5)
+_NOISES = (-2, 2, 4)
 _CLEARLY = 10.0
 # They are looked for where a segment's mean square, standardised, is off one by more than this.
 _MISFIT = 3.0
+# The regimes are looked for with what the search found, and the search is made anew, so often.
 _ROUNDS = 2
 
 
@@ -194,13 +194,15 @@ def _searched(
     regimes = [USUAL] * len(records)
     if len(starts) == 1:
         regimes = _regimes(model, grid, records, starts[0])
-    for _ in range(_ROUNDS):
+    for rounds_left in reversed(range(_ROUNDS)):
         posterior = Posterior(model, grid, records, regimes)
         starts = sorted(starts, key=lambda start: -posterior(start).value)[:_SEARCHES]
         found = [maximum(posterior, start, bounds) for start in starts]
         best = max(found, key=lambda point: point.value)
+        if not rounds_left or not math.isfinite(best.value):
+            break
         again = _regimes(model, grid, records, best.theta)
-        if again == regimes or not math.isfinite(best.value):
+        if again == regimes:
             break
         regimes, starts = again, [best.theta]
     return best, regimes
@@ -221,13 +223,21 @@ def _regimes(model: Model, grid: Grid, records: Sequence[Record], theta: Array) 
     if not len(doubtful):
         return found
     likelihood = Likelihood(model.kernels, [records[i] for i in doubtful])
-    values = np.array(
-        [
-            likelihood(model.natural(regime.of(theta), grid)[0]).values + regime.log_prior
-            for regime in _REGIMES
-        ]
-    )
-    for i, n, value in zip(doubtful, values.argmax(axis=0), values.max(axis=0), strict=True):
-        if value > usual.values[i] + _CLEARLY:
-            found[i] = _REGIMES[n]
+    known: dict[Regime, Array] = {}
+
+    def values(regime: Regime) -> Array:
+        if regime not in known:
+            fit = likelihood(model.natural(regime.of(theta), grid)[0])
+            known[regime] = fit.values + regime.log_prior
+        return known[regime]
+
+    # The motion first, then the noise with it.
+    moving = np.array([values(Regime(motion)) for motion in _MOTIONS]).argmax(axis=0)
+    for i, (record, most) in enumerate(zip(doubtful, moving, strict=True)):
+        motion = _MOTIONS[most]
+        best = max(
+            (Regime(motion, noise) for noise in (0, *_NOISES)), key=lambda regime: values(regime)[i]
+        )
+        if values(best)[i] > usual.values[record] + _CLEARLY:
+            found[record] = best
     return found
