@@ -157,7 +157,7 @@ def test_likely_causes_are_saved(tmp_path: Path) -> None:
 def test_a_defect_in_the_search_for_causes_costs_the_causes_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def broken(*arguments: object) -> None:
+    def broken(*arguments: object, **named: object) -> None:
         raise ZeroDivisionError("a defect")
 
     monkeypatch.setattr("trajeval_ros.report.report.likely_causes", broken)

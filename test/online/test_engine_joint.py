@@ -13,18 +13,22 @@ from twins.runs import (
     SECOND,
     Run,
     assert_same_summary,
+    balance,
     handed_over,
     played,
     samples,
     simulated,
+    where,
 )
 
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import GAUGES
+from trajeval_ros.ground_truth.trajectory import GroundTruth
 from trajeval_ros.likelihood.absolute import absolute
 from trajeval_ros.likelihood.figures import p_value
 from trajeval_ros.likelihood.relative import relative
 from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.online.window import joint_covariance
 
@@ -151,6 +155,30 @@ def test_a_ground_truth_with_covariances(scene):
     engine, found, cross = results(parameters, Run(truth, run.estimate))
     assert engine.figures()["absolute"]["consistency"] < 1e-9
     assert np.linalg.eigvalsh(joint_twin.from_rows(found["covariance"], cross))[0] > 0.0
+
+
+@pytest.mark.parametrize("chunk", [SECOND, 100 * SECOND])
+def test_several_poses_of_a_batch_that_the_covariance_does_not_go_on_with(monkeypatch, chunk):
+    run = simulated(3, 14.0, rates=(20.0, 10.0))
+    wrong = run.estimate.stamps[[20, 40, 41, 90]]
+    kept = ~np.isin(run.estimate.stamps, wrong)
+    expected = Engine(JOINT)
+    list(feed(expected, run.ground_truth, where(run.estimate, kept)))
+    posterior = GroundTruth.posterior
+
+    def overrelated(self, stamps, until):
+        """Says of some poses that they are related more closely than any can be."""
+        answer = posterior(self, stamps, until)
+        factors = np.where(np.isin(stamps, wrong), 1e3, 1.0)
+        cross = tuple(f * c for f, c in zip(factors, answer.cross, strict=True))
+        return dataclasses.replace(answer, cross=cross)
+
+    monkeypatch.setattr(GroundTruth, "posterior", overrelated)
+    engine = Engine(JOINT)
+    list(feed(engine, run.ground_truth, run.estimate, chunk))
+    assert balance(engine).rejected == {"singular_covariance": len(wrong)}
+    mine, theirs = engine.summary(), expected.summary()
+    assert_same_summary({**mine, "estimate": {}}, {**theirs, "estimate": {}})
 
 
 # Calibration

@@ -67,6 +67,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
     output = arguments.output or parameters["output.directory"]
     report = Report(parameters, sources)
     failures: dict[str, str] = {}
+    full = ""
     with contextlib.ExitStack() as stack:
         folder = None
         try:
@@ -74,13 +75,17 @@ def evaluate(arguments: argparse.Namespace) -> int:
         except OutputError as error:
             if not error.full:
                 raise console.CommandError(str(error)) from error
-            failures = dict.fromkeys(FILES, str(error))
+            full = str(error)
         summary, places = scoring.score(data, parameters, report, folder)
         try:
+            if output and folder is None:
+                # There may be room by now: not for the rows, which are gone.
+                folder = stack.enter_context(OutputFolder(str(output)))
+                folder.lack(summary["estimate"]["evaluated"], full)
             if folder is not None:
                 folder.write(summary, report.render, last=True)
         except OutputError as error:
-            failures = error.failures
+            failures = error.failures or dict.fromkeys(FILES, str(error))
 
     print(f"{sources['estimate']} against {sources['ground truth']}\n")
     print("\n".join(figures.summary_lines(summary, parameters)))

@@ -53,8 +53,10 @@ _PATIENCE = 20
 FILES = ("summary.json", "poses.csv", "report.html")
 """What is written, in this order."""
 
-# More than a summary takes, bytes.
-_RESERVE = 1 << 15
+# More than a summary takes, bytes, and the pieces in which room for it is found.
+_RESERVE, _PIECE = 1 << 15, 1 << 12
+# Rows that a full disk does not take wait for it to have room again, bytes: some ten thousand.
+_MOST_WAITING = 1 << 23
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LEFTOVERS = (".poses-*.csv.partial", *(f".{name}.*.partial" for name in FILES))
 
@@ -116,7 +118,8 @@ class OutputFolder:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path).expanduser().absolute()
-        # Rows that the stream has not got, and why.
+        # Rows that the stream has not got: those that wait, the number of those lost, and why.
+        self._waiting = b""
         self._lost = 0
         self._why_lost = ""
         self._size = 0
@@ -158,9 +161,11 @@ class OutputFolder:
                     path.unlink()
 
     def _keep_room(self) -> None:
+        """Take what there is of the room for a summary, which is more than none."""
         if self._reserve is not None:
             with contextlib.suppress(OSError):
-                os.posix_fallocate(self._reserve.fileno(), 0, _RESERVE)
+                for begin in range(os.fstat(self._reserve.fileno()).st_size, _RESERVE, _PIECE):
+                    os.posix_fallocate(self._reserve.fileno(), begin, _PIECE)
 
     def _replace_summary(self, text: str) -> None:
         if self._reserve is not None:
@@ -172,38 +177,63 @@ class OutputFolder:
             self._keep_room()
 
     def add(self, evaluations: Evaluations) -> None:
-        """Append one row an evaluated pose. Of rows that cannot be, :meth:`write` tells later."""
+        """Append one row an evaluated pose.
+
+        Rows that the disk does not take wait until it does. So many that they cannot wait are lost,
+        and :meth:`write` says so.
+        """
         if len(evaluations.stamps) == 0:
             return
         try:
-            self._append(format_rows(evaluations))
+            self._append(self._waiting + format_rows(evaluations).encode("utf-8"))
         except OSError as error:
-            self._why_lost = error.strerror or str(error)
             raise OutputError(
                 _refused(self.path / "poses.csv", error), full=error.errno in _FULL
             ) from error
 
-    def _append(self, text: str) -> None:
-        """Append to the stream, of lines that do not all fit those that do; the rest is counted."""
-        data = ((_HEADER if self._size == 0 else "") + text).encode("utf-8")
+    def lack(self, count: int, why: str) -> None:
+        """Note that so many rows came before there was a folder to put them in."""
+        if count:
+            self._lost, self._why_lost = self._lost + count, why
+
+    def _append(self, rows: bytes) -> None:
+        """Append to the stream the waiting ``rows``; of those that do not all fit those that do."""
+        if self._reserve is not None and os.fstat(self._reserve.fileno()).st_size < _RESERVE:
+            self._keep_room()
+        header = _HEADER.encode("utf-8") if self._size == 0 else b""
+        data = header + rows
         written = 0
         try:
             while written < len(data):
                 position = self._size + written
                 written += os.pwrite(self._stream.fileno(), data[written:], position)
-        except OSError:
+            self._waiting = b""
+        except OSError as error:
             written = data.rfind(b"\n", 0, written) + 1
-            rest = data[written:].count(b"\n")
-            self._lost += min(rest, text.count("\n"))
+            rest = data[max(written, len(header)) :]
+            self._waiting = rest[: rest.rfind(b"\n", 0, _MOST_WAITING) + 1]
+            self._lost += rest[len(self._waiting) :].count(b"\n")
+            self._why_lost = error.strerror or str(error)
             with contextlib.suppress(OSError):
                 os.ftruncate(self._stream.fileno(), self._size + written)
             raise
         finally:
             self._size += written
 
+    def _append_waiting(self) -> None:
+        with contextlib.suppress(OSError):
+            if self._waiting or self._size == 0:
+                self._append(self._waiting)
+
+    @property
+    def _lacking(self) -> int:
+        """How many rows the stream has not got."""
+        return self._lost + self._waiting.count(b"\n")
+
     def clear(self) -> None:
         """Forget the rows so far. Files already written stay until the next :meth:`write`."""
         self._lost = self._size = 0
+        self._waiting = b""
         try:
             os.ftruncate(self._stream.fileno(), 0)
         except OSError as error:
@@ -227,9 +257,7 @@ class OutputFolder:
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         steps: dict[str, Callable[[], None]] = {
             "summary.json": lambda: self._replace_summary(text),
-            "poses.csv": self._hand_over
-            if last
-            else lambda: self._replace("poses.csv", self._copy_rows),
+            "poses.csv": lambda: self._write_rows(last),
         }
         if report is not None:
             steps["report.html"] = lambda: self._replace(
@@ -251,10 +279,10 @@ class OutputFolder:
                     if attempt == _PATIENCE - 1:
                         raise
                     interrupt = error
-        if self._lost and "poses.csv" not in failures:
+        if self._lacking and "poses.csv" not in failures:
             failures["poses.csv"] = (
-                f"{self.path / 'poses.csv'} lacks {self._lost:,} poses, which could not be written"
-                f" when they came: {self._why_lost}"
+                f"{self.path / 'poses.csv'} lacks {self._lacking:,} poses, which could not be"
+                f" written: {self._why_lost}"
             )
         if interrupt is not None:
             raise interrupt
@@ -276,6 +304,13 @@ class OutputFolder:
             with contextlib.suppress(OSError):
                 partial.unlink(missing_ok=True)
 
+    def _write_rows(self, last: bool) -> None:
+        self._append_waiting()
+        if last:
+            self._hand_over()
+        else:
+            self._replace("poses.csv", self._copy_rows)
+
     def _copy_rows(self, file: IO[bytes]) -> None:
         if self._size == 0:
             _put(file, _HEADER)
@@ -289,8 +324,6 @@ class OutputFolder:
         """Make the stream file ``poses.csv``: needs no room, as a copy does."""
         if self._handed_over:
             return
-        if self._size == 0:
-            self._append("")
         name = Path(self._stream.name)
         if not name.exists():
             # The folder was removed since: the rows are there as long as the stream is open.
@@ -311,7 +344,8 @@ class OutputFolder:
         except OSError as error:
             moved.close()
             raise OutputError(_refused(moved.path, error), full=error.errno in _FULL) from error
-        moved._size, moved._lost, moved._why_lost = self._size, self._lost, self._why_lost
+        moved._size, moved._waiting = self._size, self._waiting
+        moved._lost, moved._why_lost = self._lost, self._why_lost
         self.close()
         return moved
 

@@ -113,12 +113,15 @@ class Evaluator(Node):
         self._take_all()
         self._publish(self._session.finish())
         self._publish_metrics(refresh=True)
-        for line in summary_lines(self._session.figures()):
-            self.get_logger().info(line)
+        shield("the log of the figures", self._log_figures, None, self._say_defect)
         written = self._save(last=True) is not None
         self._outputs.flush(_PARTING)
         self._session.close()
         return written
+
+    def _log_figures(self) -> None:
+        for line in summary_lines(self._session.figures()):
+            self.get_logger().info(line)
 
     def rescue(self) -> None:
         """Write the output folder as it is, because something has gone wrong."""

@@ -37,6 +37,7 @@ class Session:
         self._report = Report(values, sources)
         self._directory = str(values["output.directory"])
         self._folder: OutputFolder | None = None
+        self._unwritten = 0  # poses evaluated while there was no folder for them
         self._finished_runs = 0
         self._causes: tuple[Cause, ...] = ()
         self._examined = 0
@@ -48,6 +49,7 @@ class Session:
     def _try_open(self) -> OutputFolder | None:
         try:
             self._folder = OutputFolder(self._directory)
+            self._folder.lack(self._unwritten, self.error or "")
             self.error = None
         except OutputError as error:
             self.error = str(error)
@@ -128,11 +130,16 @@ class Session:
     def _record(self, results: Results) -> Results:
         if len(results.evaluations):
             self._report.add(results)
-        if self._folder is not None:
-            try:
-                self._folder.add(results.evaluations)
-            except OutputError as error:
-                self.error = str(error)
+        folder = self._folder
+        if self._directory and folder is None and len(results.evaluations):
+            folder = self._try_open()
+        if folder is None:
+            self._unwritten += len(results.evaluations)
+            return results
+        try:
+            folder.add(results.evaluations)
+        except OutputError as error:
+            self.error = str(error)
         return results
 
     def save(self, *, last: bool = False) -> Path | None:
@@ -196,6 +203,7 @@ class Session:
     def reset(self) -> None:
         """Start over; files that are written stay until the next time they are."""
         self.engine.reset()
+        self._unwritten = 0
         self._undecodable = [0, 0]
         self._causes, self._examined = (), 0
         self._report.clear()

@@ -247,6 +247,18 @@ class Engine:
         numbers = self._withdrawn.number(len(answered))
         good = positive_definite(answered.covariance)
         self._withdraw(answered.stamps[~good], numbers[~good])
+        scored = self._score_good(answered, offset, sampled, numbers, good)
+        if answered.cross is not None:
+            self._withdrawn.forget(len(answered.cross[-1]))
+        return scored
+
+    def _score_good(
+        self, answered: EvaluatedPoses, offset: int, sampled: Mask, numbers: Stamps, good: Mask
+    ) -> tuple[Evaluations, tuple[Array, ...]]:
+        """Evaluate the ``good`` poses but for those that the joint covariance does not go on with.
+
+        Each attempt leaves out all poses withdrawn so far.
+        """
         while good.any():
             poses = answered.where(good)
             if poses.cross is not None:

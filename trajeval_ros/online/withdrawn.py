@@ -37,9 +37,11 @@ class Withdrawn:
         """Return ``cross`` of the poses ``numbers`` (n,) without its blocks of withdrawn ones."""
         if not len(self._gone):
             return cross
-        related = [
+        return tuple(
             blocks[~np.isin(np.arange(number - len(blocks), number), self._gone)]
             for number, blocks in zip(numbers.tolist(), cross, strict=True)
-        ]
-        self._gone = self._gone[self._gone >= int(numbers[-1]) - len(cross[-1])]
-        return tuple(related)
+        )
+
+    def forget(self, related: int) -> None:
+        """Forget what the newest pose, related to so many before it, and later ones are not to."""
+        self._gone = self._gone[self._gone >= self._asked - 1 - related]
