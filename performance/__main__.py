@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 NAMES = {
     "calibration": "how well the ground truth knows what it does not know, on real data",
+    "recordings": "the same, on recordings that no constant was chosen with",
     "ground_truth": "queries, learning and appending, beside scikit-learn; memory of an hour",
     "likelihoods": "windowed RE beside bare LAPACK; the cost and memory of a million poses",
     "commands": "the command evaluate as a process, beside evo_ape and evo_rpe",

@@ -89,7 +89,12 @@ class Score:
 
 def load(sequence: str, duration: int = DURATION) -> Samples:
     """Return the first ``duration`` (ns) of a sequence's ground truth."""
-    trajectory = read_tum(DATA / sequence / "groundtruth.txt")
+    return read(DATA / sequence / "groundtruth.txt", duration)
+
+
+def read(path: Path, duration: int = DURATION) -> Samples:
+    """Return the first ``duration`` (ns) of a file in TUM's format."""
+    trajectory = read_tum(path)
     stamps, first = np.unique(trajectory.stamps, return_index=True)
     poses = se3.from_position_quaternion(trajectory.positions[first], trajectory.quaternions[first])
     wanted = stamps - stamps[0] <= duration
@@ -98,7 +103,11 @@ def load(sequence: str, duration: int = DURATION) -> Samples:
 
 def cells(sequence: str, rates: tuple[int, ...] = RATES) -> Iterator[Cell]:
     """Thin a sequence to each of ``rates`` (Hz)."""
-    samples = load(sequence)
+    return cells_of(sequence, load(sequence), rates)
+
+
+def cells_of(sequence: str, samples: Samples, rates: tuple[int, ...]) -> Iterator[Cell]:
+    """Thin ``samples`` to each of ``rates`` (Hz)."""
     usual = int(np.median(np.diff(samples.stamps)))
     for rate in rates:
         interval = 1_000_000_000 // rate
@@ -160,10 +169,11 @@ def _learned(samples: Samples, kernel: str) -> Process | None:
 
 def score_process(cell: Cell, process: str, lag: int | None) -> Score:
     """Predict with the process as the evaluator has it; ``lag`` (ns) None: with all data."""
-    return _score(cell, fitted(cell.kept, process), lag)
+    return score(cell, fitted(cell.kept, process), lag)
 
 
-def _score(cell: Cell, ground_truth: GroundTruth, lag: int | None) -> Score:
+def score(cell: Cell, ground_truth: GroundTruth, lag: int | None) -> Score:
+    """Predict with what ``ground_truth`` has learned; ``lag`` (ns) None: with all data."""
     posterior = ground_truth.posterior(cell.held_out.stamps, until(cell, lag))
     hyperparameters = ground_truth.hyperparameters
     assert hyperparameters is not None
@@ -241,8 +251,8 @@ def measure(cell: Cell) -> Measured:
     for process in PROCESSES:
         with plain() if process == PLAIN else ExitStack():
             ground_truth = fitted(cell.kept, process)
-            all_data[process] = _score(cell, ground_truth, None)
-            live[process] = _score(cell, ground_truth, LAG)
+            all_data[process] = score(cell, ground_truth, None)
+            live[process] = score(cell, ground_truth, LAG)
     interpolations = {method: score_interpolation(cell, method) for method in INTERPOLATIONS}
     return Measured(cell.sequence, cell.rate, interpolations, all_data, live)
 
