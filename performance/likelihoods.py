@@ -19,6 +19,7 @@ from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
 from trajeval_ros.likelihood.relative import relative_error, step_covariance, steps_likelihood
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.parameters import complete
+from trajeval_ros.online.settings import settings_of
 from trajeval_ros.online.summary import window_relative
 from trajeval_ros.online.window import EvaluatedPoses
 
@@ -85,7 +86,7 @@ class Run:
 
     def __init__(self, window: float = 30.0) -> None:
         """Start without poses; ``window`` (s)."""
-        self.evaluation = Evaluation(complete({"window.duration": window}))
+        self.evaluation = Evaluation(settings_of(complete({"window.duration": window})).evaluation)
         self.taken = 0
 
     def take(self, count: int, batch: int) -> None:

@@ -16,15 +16,27 @@ from trajeval_ros.ground_truth.hyperparameters import (
     GroupHyperparameters,
     Hyperparameters,
 )
+from trajeval_ros.ground_truth.joint import JointCovariance
 from trajeval_ros.ground_truth.segmentation import Segmentation
 from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
 from trajeval_ros.likelihood.joint import JointFactor
 
 
+class Asker:
+    """A ground truth, and the poses that have been asked of it."""
+
+    def __init__(self, truth):
+        self.truth = truth
+        self.joint = JointCovariance()
+
+    def posterior(self, stamps, until):
+        return self.truth.posterior(stamps, until, self.joint)
+
+
 def joint_truth(samples, hyperparameters=GIVEN, shape=SHAPE, kernel="matern52"):
-    truth = GroundTruth(Settings(kernel, hyperparameters, 1e-6, 1e-6, shape, joint=True))
+    truth = GroundTruth(Settings(kernel, hyperparameters, 1e-6, 1e-6, shape))
     truth.append(samples)
-    return truth
+    return Asker(truth)
 
 
 def until(samples, stamps, lag=0.3):
@@ -50,7 +62,7 @@ def test_is_the_dense_twin(rates, lag):
     v = joint_twin.from_rows(answer.covariances, answer.cross)
     segmentation = Segmentation(SHAPE)
     list(segmentation.append(samples))
-    expected = joint_twin.joint(segmentation, truth._process(0), stamps, last)
+    expected = joint_twin.joint(segmentation, truth.truth._process(0), stamps, last)
     std = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(v / std / std[:, None], expected / std / std[:, None], atol=1e-7)
     assert np.abs(v[:6, -6:]).max() == 0.0 or lag == 0.0 or rates[0] < 5.0
@@ -107,7 +119,7 @@ def test_batches_of_queries_do_not_matter(times, cuts, kernel):
     truth, found = joint_truth(samples, kernel=kernel), []
     for piece in np.split(np.arange(len(stamps)), sorted(cuts)):
         if len(piece):
-            truth.forget(int(stamps[piece[0]]))
+            truth.truth.forget(int(stamps[piece[0]]))
             found += truth.posterior(stamps[piece], last[piece]).cross
     assert len(found) == len(whole.cross)
     for actual, expected in zip(found, whole.cross, strict=True):
@@ -153,6 +165,6 @@ def test_memory_is_bounded():
     for i in range(0, len(stamps), 20):
         cross = truth.posterior(stamps[i : i + 20], last[i : i + 20]).cross
         reach += [len(c) for c in cross]
-        assert len(truth._joint._remembered) <= 3
-        assert sum(len(q.stamps) for q in truth._joint._remembered.values()) < 120
+        assert len(truth.joint._remembered) <= 3
+        assert sum(len(q.stamps) for q in truth.joint._remembered.values()) < 120
     assert max(reach) < 60

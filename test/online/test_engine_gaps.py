@@ -22,7 +22,7 @@ from twins.runs import (
     where,
 )
 
-from trajeval_ros.online import engine as engine_module
+from trajeval_ros.online import settings as settings_module
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 
@@ -222,7 +222,7 @@ def test_the_windows_length_decides_nothing():
 @pytest.fixture
 def impatient(monkeypatch):
     """A patience of a second, or of max_gap and lag, so that a run need not be longer."""
-    monkeypatch.setattr(engine_module, "PATIENCE", SECOND)
+    monkeypatch.setattr(settings_module, "PATIENCE", SECOND)
 
 
 @pytest.mark.usefixtures("impatient")
@@ -240,7 +240,7 @@ def test_an_estimate_later_than_the_patience_is_too_late_or_exact(delay):
 
 
 def test_an_estimate_later_than_what_is_kept_is_too_late(monkeypatch):
-    monkeypatch.setattr(engine_module, "PATIENCE", 5 * SECOND)
+    monkeypatch.setattr(settings_module, "PATIENCE", 5 * SECOND)
     run = simulated(5, 60.0, rates=(20.0, 2.0))
     engine = Engine(FIXED)
     engine.add_estimate(run.estimate[:4])

@@ -30,7 +30,7 @@ def completing(run, stamp, lag=LAG):
 
 def answer_from(run, count, stamp, parameters=FIXED):
     """The answer of a ground truth that has only ever seen the first ``count`` samples."""
-    truth = Engine(parameters)._ground_truth
+    truth = Engine(parameters)._reference.ground_truth
     seen = run.ground_truth[:count]
     truth.append(Samples(seen.stamps, poses_of(seen)))
     return truth.posterior(np.array([stamp]), seen.stamps[-1:])

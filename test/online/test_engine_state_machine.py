@@ -11,8 +11,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from twins.runs import FIXED, SECOND, START, balance, leaves, motion, samples
+from twins.sizes import held
 
-from trajeval_ros.online import engine as engine_module
+from trajeval_ros.online import settings as settings_module
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.samples import PoseSamples
 
@@ -26,7 +27,7 @@ TRUTH_STEP, ESTIMATE_STEP = SECOND // 20, SECOND // 8
 @pytest.fixture
 def impatient(monkeypatch):
     """Estimates at a gap of 3 s do not wait for its end, and older ground truth is dropped."""
-    monkeypatch.setattr(engine_module, "PATIENCE", 3 * SECOND)
+    monkeypatch.setattr(settings_module, "PATIENCE", 3 * SECOND)
 
 
 class AnyInput(RuleBasedStateMachine):
@@ -184,28 +185,6 @@ AnyInput.TestCase.settings = settings(max_examples=12, stateful_step_count=20)
 @pytest.mark.usefixtures("impatient")
 class TestAnyInput(AnyInput.TestCase):
     """Run by pytest."""
-
-
-def size_of(thing, seen):
-    """Bytes of the arrays that an engine holds."""
-    if id(thing) in seen:
-        return 0
-    seen.add(id(thing))
-    if isinstance(thing, np.ndarray):
-        base = thing if thing.base is None else thing.base
-        if base is not thing and id(base) in seen:
-            return 0
-        seen.add(id(base))
-        return getattr(base, "nbytes", thing.nbytes)
-    if isinstance(thing, str | int | float | type) or callable(thing):
-        return 0
-    if type(thing).__module__.split(".")[0] not in ("trajeval_ros", "builtins", "collections"):
-        return 0
-    return sum(size_of(part, seen) for part in gc.get_referents(thing))
-
-
-def held(engine):
-    return size_of(engine, set())
 
 
 def long_run(engine, seconds, chunk=20, rates=(50, 10), topics=("truth", "estimate"), clock=True):

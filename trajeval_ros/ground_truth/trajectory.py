@@ -39,7 +39,6 @@ class Settings:
     ``kernel``: the name of a model; ``hyperparameters``: those of every segment, or a process that
     was learned before, to which each segment adapts; None: they are learned, and
     ``translation_std`` (m) and ``rotation_std`` (rad), the instrument's accuracy, add to the noise.
-    ``joint``: the answers tell the covariance of the errors at different times, too.
     """
 
     kernel: str
@@ -47,7 +46,6 @@ class Settings:
     translation_std: float
     rotation_std: float
     shape: SegmentShape
-    joint: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +87,6 @@ class GroundTruth:
             self._use(given)
         self._stamps = np.empty(0, dtype=np.int64)
         self._begin: int | None = None
-        self._joint = JointCovariance() if settings.joint else None
 
     @property
     def begin(self) -> int | None:
@@ -160,12 +157,15 @@ class GroundTruth:
             segment.advance()
             before = segment
 
-    def posterior(self, stamps: Stamps, until: Stamps) -> Posterior:
+    def posterior(
+        self, stamps: Stamps, until: Stamps, joint: JointCovariance | None = None
+    ) -> Posterior:
         """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,).
 
         ``stamps`` lie between the first and the last retained sample; ``until >= stamps``, and a
-        sample lies between the two. Where the joint covariance is asked for, both increase, from
-        call to call as well. Raises :class:`ValueError` while the hyperparameters are not known.
+        sample lies between the two. With ``joint``, the poses asked for with it before: the answers
+        tell the covariance of the errors at different times, too; then both increase, from call to
+        call as well. Raises :class:`ValueError` while the hyperparameters are not known.
         """
         if not self._processes:
             raise ValueError("the hyperparameters are not known yet")
@@ -176,8 +176,8 @@ class GroundTruth:
         )
         poses, covariances = _blend(len(stamps), parts, answers)
         cross = None
-        if self._joint is not None and len(stamps):
-            cross = self._joint.extend(stamps, until, covariances, parts, answers)
+        if joint is not None and len(stamps):
+            cross = joint.extend(stamps, until, covariances, parts, answers)
         return Posterior(poses, covariances, self._sampled(stamps), cross)
 
     def twist(self, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:

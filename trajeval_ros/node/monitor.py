@@ -101,17 +101,15 @@ class Monitor:
         steady, processor = time.monotonic(), time.process_time()
         period = max(steady - self._published, 1e-3)
         health = self._session.health()
-        values = self._session.engine.parameters
+        settings = self._session.engine.settings
+        (own,), timing = settings.estimates.values(), settings.timing
         statuses = [
             self._check_topic(0, truth, health.ground_truth, "used", period, check_process(health)),
             self._check_topic(1, estimate, health.estimate, "evaluated", period),
             check_synchronization(
                 health,
-                _nanoseconds(values["estimate.time_offset"]),
-                sum(
-                    _nanoseconds(values[name])
-                    for name in ("ground_truth.max_gap", "ground_truth.lag", "max_wait")
-                ),
+                own.time_offset,
+                timing.max_gap + timing.lag + timing.max_wait,
             ),
             check_clock(self._clock_state(sim_time, now, steady), health),
             check_consistency(health, self._session.causes),
@@ -182,8 +180,3 @@ class Monitor:
             for status in statuses
         ]
         self._publisher.publish(message)
-
-
-def _nanoseconds(seconds: object) -> int:
-    assert isinstance(seconds, float)
-    return round(seconds * 1e9)

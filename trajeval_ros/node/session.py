@@ -71,10 +71,9 @@ class Session:
     def newest_stamps(self) -> list[int]:
         """The newest stamps let in (ns), one a topic, on the ground truth's clock."""
         health = self.engine.health()
-        offset = self.engine.parameters["estimate.time_offset"]
-        assert isinstance(offset, float)
+        (settings,) = self.engine.settings.estimates.values()
         truth, estimate = health.ground_truth.latest_stamp, health.estimate.latest_stamp
-        shifted = None if estimate is None else estimate + round(offset * 1e9)
+        shifted = None if estimate is None else estimate + settings.time_offset
         return [stamp for stamp in (truth, shifted) if stamp is not None]
 
     def health(self) -> Health:

@@ -10,119 +10,67 @@ on the stamps alone, never on when a message arrived; the clock only tells when 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 
-import numpy as np
-import numpy.typing as npt
-
-from trajeval_ros import se3
-from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN
-from trajeval_ros.ground_truth.faults import Faults
-from trajeval_ros.ground_truth.hyperparameters import (
-    FURTHER_COMPONENTS,
-    Component,
-    GroupHyperparameters,
-    Hyperparameters,
-)
-from trajeval_ros.ground_truth.screen import Screen, Screened
-from trajeval_ros.ground_truth.segment import Samples
-from trajeval_ros.ground_truth.segmentation import SegmentShape
-from trajeval_ros.ground_truth.trajectory import GroundTruth, Settings
-from trajeval_ros.likelihood.gaussian import CovarianceError, positive_definite
-from trajeval_ros.online.accounting import Reason
-from trajeval_ros.online.doubts import CovarianceDoubts
-from trajeval_ros.online.evaluation import Evaluation
-from trajeval_ros.online.intake import Accepted, Intake
-from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value, complete
-from trajeval_ros.online.results import (
-    NO_EVALUATIONS,
-    Evaluations,
-    Health,
-    Notice,
-    Results,
-    TopicHealth,
-)
+from trajeval_ros.online.parameters import ONE, ParameterError, Value, complete, table
+from trajeval_ros.online.reference import Reference
+from trajeval_ros.online.results import Health, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.online.summary import distributions, summarize, window_figures
-from trajeval_ros.online.window import EvaluatedPoses
-from trajeval_ros.online.withdrawn import Withdrawn
-
-Array = npt.NDArray[np.float64]
-Stamps = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
-
-PATIENCE = 30_000_000_000
-"""How long after an estimate (ns) the sample behind a gap may be stamped, for it to wait for it."""
-
-_SELF_CHECK = 1e-6
-_STRAINED = 0.2
-_LEARNED = "hyperparameters_learned"
-
-
-@dataclass(frozen=True, slots=True)
-class _Pending:
-    """Estimates that wait for their ground truth; ``stamps`` are on the ground truth's clock."""
-
-    stamps: Stamps
-    poses: Array
-    covariances: Array | None
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def where(self, mask: Mask) -> _Pending:
-        covariances = None if self.covariances is None else self.covariances[mask]
-        return _Pending(self.stamps[mask], self.poses[mask], covariances)
-
-    def joined(self, later: _Pending) -> _Pending:
-        covariances = later.covariances
-        if self.covariances is not None and later.covariances is not None:
-            covariances = np.concatenate([self.covariances, later.covariances])
-        return _Pending(
-            np.concatenate([self.stamps, later.stamps]),
-            np.concatenate([self.poses, later.poses]),
-            covariances,
-        )
-
-
-_NOBODY = _Pending(np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), None)
+from trajeval_ros.online.settings import Settings, settings_of
+from trajeval_ros.online.track import Track
 
 
 class Engine:
-    """Scores an estimated trajectory against the ground truth while both arrive."""
+    """Scores estimated trajectories against one ground truth while all arrive.
 
-    def __init__(self, parameters: Mapping[str, object]) -> None:
+    The ground truth is modelled once, and each estimate has a track of its own: what becomes of an
+    estimate is what would become of it alone. The name of an estimate may be left out where there
+    is one.
+    """
+
+    def __init__(self, parameters: Mapping[str, object], names: Sequence[str] = ONE) -> None:
         """Take the parameters, of which those that are missing have their defaults.
 
-        Raises :class:`~trajeval_ros.online.parameters.ParameterError`.
+        ``names``: of the estimates. Raises
+        :class:`~trajeval_ros.online.parameters.ParameterError`.
         """
-        self._values = complete(parameters)
-        self._from_body = se3.inverse(_extrinsic(self._values))
+        self._values = complete(parameters, names)
+        self._names = tuple(names)
+        self._settings = settings_of(self._values, self._names)
         self.reset()
 
     def reset(self) -> None:
         """Start over, with the parameters as they are."""
-        values = self._values
-        self._estimates = Intake(bool(values["estimate.use_covariance"]))
-        self._samples = Intake(bool(values["ground_truth.use_covariance"]))
-        settings = _settings(values)
-        self._faults = Faults()
-        self._screen = Screen((settings.translation_std, settings.rotation_std), self._faults)
-        self._ground_truth = GroundTruth(settings, self._faults)
-        self._evaluation = Evaluation(values)
-        self._pending = _NOBODY
-        self._newest_estimate: int | None = None
-        self._withdrawn = Withdrawn()
-        self._first_singular: int | None = None
-        self._doubts = CovarianceDoubts()
-        self._announced: set[str] = set()
-        self._next_alignment = ENOUGH_TO_ALIGN
+        self._reference = Reference(self._settings.ground_truth)
+        self._tracks = {name: self._new_track(name) for name in self._names}
+
+    def reset_estimate(self, name: str | None = None) -> None:
+        """Start over with one estimate; ground truth and the other estimates go on.
+
+        What the ground truth has forgotten of its past for this estimate stays forgotten.
+        """
+        name = self._only(name)
+        self._tracks[name] = self._new_track(name, self._tracks[name].begin)
+
+    def _new_track(self, name: str, begin: int | None = None) -> Track:
+        settings = self._settings
+        own = settings.estimates[name]
+        return Track(own, settings.evaluation, settings.timing, self._reference, begin)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the estimates."""
+        return self._names
 
     @property
     def parameters(self) -> Mapping[str, Value]:
         """Every parameter's value."""
         return dict(self._values)
+
+    @property
+    def settings(self) -> Settings:
+        """What the parameters say."""
+        return self._settings
 
     def set(self, name: str, value: object) -> None:
         """Change a dynamic parameter.
@@ -130,409 +78,92 @@ class Engine:
         Raises :class:`~trajeval_ros.online.parameters.ParameterError` for one that is unknown,
         read-only or out of range.
         """
-        if name not in PARAMETERS:
+        known = table(self._names)
+        if name not in known:
             raise ParameterError(f"unknown parameter {name}")
-        if not PARAMETERS[name].dynamic:
+        if not known[name].dynamic:
             raise ParameterError(f"{name} is read-only while the engine runs")
-        self._values[name] = PARAMETERS[name].validate(value)
-        if name == "window.duration":
-            self._evaluation.window_duration = self._nanoseconds(name)
-
-    def _nanoseconds(self, name: str) -> int:
-        value = self._values[name]
-        assert isinstance(value, float)
-        return round(value * 1e9)
+        self._values[name] = known[name].validate(value)
+        self._settings = settings_of(self._values, self._names)
+        for track in self._tracks.values():
+            track.change(self._settings.evaluation, self._settings.timing)
 
     def add_ground_truth(self, samples: PoseSamples) -> None:
         """Take ground-truth samples, in the order of their arrival."""
-        self._append_ground_truth(self._samples.accept(samples))
+        self._reference.add(samples)
 
-    def add_estimate(self, samples: PoseSamples) -> None:
-        """Take estimates, in the order of their arrival."""
-        if samples.covariances is not None and self._values["estimate.use_covariance"]:
-            self._doubts.look_at(samples.covariances)
-        self._append_estimates(self._estimates.accept(samples))
-
-    def _append_ground_truth(self, accepted: Accepted) -> None:
-        if len(accepted.stamps):
-            samples = Samples(accepted.stamps, accepted.poses, accepted.covariances)
-            self._append_screened(self._screen.accept(samples))
-
-    def _append_screened(self, screened: Screened) -> None:
-        for code, count in screened.rejected.items():
-            self._samples.account.reject(Reason(code), count)
-        if len(screened.samples):
-            self._ground_truth.append(screened.samples)
-
-    def _append_estimates(self, accepted: Accepted) -> None:
-        if not len(accepted.stamps):
-            return
-        # T_world_gtbody = T_world_estbody (T_gtbody_estbody)^-1, and the covariance goes along by
-        # the adjoint.
-        covariances = accepted.covariances
-        if covariances is not None:
-            adjoint = se3.adjoint(se3.inverse(self._from_body))
-            covariances = adjoint @ covariances @ adjoint.T
-        stamps = accepted.stamps + self._nanoseconds("estimate.time_offset")
-        arrived = _Pending(stamps, se3.compose(accepted.poses, self._from_body), covariances)
-        self._newest_estimate = int(stamps[-1])
-        self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
+    def add_estimate(self, samples: PoseSamples, name: str | None = None) -> None:
+        """Take poses of an estimate, in the order of their arrival."""
+        self._track(name).add(samples)
 
     def advance(self, now: int | None = None) -> Results:
-        """Evaluate all that can be.
+        """Evaluate all that can be of the only estimate; `advance_all` is for several.
 
         ``now`` (ns) is the time on the clock of the stamps; without it nothing is given up.
         """
+        name = self._only(None)
+        return self.advance_all(now)[name]
+
+    def advance_all(self, now: int | None = None) -> dict[str, Results]:
+        """Evaluate all that can be of every estimate; ``now`` as for `advance`."""
         if now is not None:
-            certain = now - self._nanoseconds("max_wait")
-            self._append_ground_truth(self._samples.confirm(certain))
-            offset = self._nanoseconds("estimate.time_offset")
-            self._append_estimates(self._estimates.confirm(certain - offset))
-            self._give_up(now)
-        results = self._evaluate(self._answerable(now))
+            self._reference.confirm(now - self._settings.timing.max_wait)
+        found = {name: track.advance(now) for name, track in self._tracks.items()}
         self._forget()
-        return self._results(*results)
+        return found
 
     def finish(self) -> Results:
+        """No more data will come: evaluate or reject all that is pending of the only estimate."""
+        name = self._only(None)
+        return self.finish_all()[name]
+
+    def finish_all(self) -> dict[str, Results]:
         """No more data will come: evaluate or reject all that is pending."""
-        self._append_ground_truth(self._samples.conclude())
-        self._append_screened(self._screen.conclude())
-        self._append_estimates(self._estimates.conclude())
-        self._ground_truth.conclude()
-        self._next_alignment = 0
-        return self._results(*self._evaluate(len(self._pending)))
-
-    def _answerable(self, now: int | None) -> int:
-        """Number of pending estimates that can be decided, the oldest ones.
-
-        Those that are at least ``lag`` older than the newest sample; and those whose last sample,
-        at most ``patience`` later, must have come by ``now``.
-        """
-        stamps = self._ground_truth.stamps
-        if self._ground_truth.hyperparameters is None or not len(stamps):
-            return 0
-        latest = int(stamps[-1]) - self._nanoseconds("ground_truth.lag")
-        if now is not None:
-            latest = max(latest, now - self._patience - self._nanoseconds("max_wait") - 1)
-        return int(np.searchsorted(self._pending.stamps, latest, side="right"))
-
-    def _evaluate(self, count: int) -> tuple[Evaluations, tuple[Array, ...]]:
-        """Decide the ``count`` oldest pending estimates."""
-        if not count:
-            return NO_EVALUATIONS, ()
-        index = np.arange(len(self._pending)) < count
-        chosen, self._pending = self._pending.where(index), self._pending.where(~index)
-        good = self._judge(chosen.stamps)
-        chosen = chosen.where(good)
-        if not len(chosen):
-            return NO_EVALUATIONS, ()
-        posterior = self._ground_truth.posterior(chosen.stamps, self._until(chosen.stamps))
-        covariance = posterior.covariances
-        if chosen.covariances is not None:
-            # To first order the two errors add up: the two body frames differ by the error itself.
-            covariance = covariance + chosen.covariances
-        offset = self._nanoseconds("estimate.time_offset")
-        poses = EvaluatedPoses(
-            chosen.stamps, posterior.poses, covariance, chosen.poses, posterior.cross
-        )
-        return self._score(poses, offset, posterior.sampled)
-
-    def _score(
-        self, answered: EvaluatedPoses, offset: int, sampled: Mask
-    ) -> tuple[Evaluations, tuple[Array, ...]]:
-        """Evaluate poses but for those whose covariance is not positive definite.
-
-        By itself, or as the joint covariance goes on with it.
-        """
-        numbers = self._withdrawn.number(len(answered))
-        good = positive_definite(answered.covariance)
-        self._withdraw(answered.stamps[~good], numbers[~good])
-        scored = self._score_good(answered, offset, sampled, numbers, good)
-        if answered.cross is not None:
-            self._withdrawn.forget(len(answered.cross[-1]))
-        return scored
-
-    def _score_good(
-        self, answered: EvaluatedPoses, offset: int, sampled: Mask, numbers: Stamps, good: Mask
-    ) -> tuple[Evaluations, tuple[Array, ...]]:
-        """Evaluate the ``good`` poses but for those that the joint covariance does not go on with.
-
-        Each attempt leaves out all poses withdrawn so far.
-        """
-        while good.any():
-            poses = answered.where(good)
-            if poses.cross is not None:
-                cross = self._withdrawn.left_out(numbers[good], poses.cross)
-                poses = replace(poses, cross=cross)
-            try:
-                return self._evaluation.add(poses, offset, sampled[good]), poses.cross or ()
-            except CovarianceError as error:
-                index = np.flatnonzero(good)[error.index]
-                good[index] = False
-                self._withdraw(answered.stamps[[index]], numbers[[index]])
-        return NO_EVALUATIONS, ()
-
-    def _withdraw(self, stamps: Stamps, numbers: Stamps) -> None:
-        """Reject poses whose covariance cannot be factored."""
-        if not len(stamps):
-            return
-        self._withdrawn.add(numbers)
-        self._estimates.account.reject(Reason.SINGULAR_COVARIANCE, len(stamps))
-        first = int(stamps.min())
-        if self._first_singular is None or first < self._first_singular:
-            self._first_singular = first
-
-    def _until(self, stamps: Stamps) -> Stamps:
-        """Stamp of the last sample that answers each of ``stamps`` (n,).
-
-        The first one at or after ``t + lag``; or, where that is more than ``patience`` after t, the
-        last one before.
-        """
-        samples = self._ground_truth.stamps
-        complete = np.searchsorted(samples, stamps + self._nanoseconds("ground_truth.lag"))
-        latest = np.searchsorted(samples, stamps + self._patience, side="right") - 1
-        return np.asarray(samples[np.minimum(complete, latest)])
-
-    def _judge(self, stamps: Stamps) -> Mask:
-        """Which estimates can be scored, (n,); count the others."""
-        samples = self._ground_truth.stamps
-        account = self._estimates.account
-        if self._ground_truth.hyperparameters is None or not len(samples):
-            account.reject(Reason.NO_GROUND_TRUTH, len(stamps))
-            return np.zeros(len(stamps), dtype=np.bool_)
-        begin = self._ground_truth.begin
-        late = stamps < (samples[0] if begin is None else begin)
-        late &= begin is not None
-        after = np.searchsorted(samples, stamps)
-        before = np.searchsorted(samples, stamps, side="right") - 1
-        to_next = samples[np.minimum(after, len(samples) - 1)] - stamps
-        to_last = stamps - samples[np.maximum(before, 0)]
-        nearest = np.minimum(np.abs(to_next), np.abs(to_last))
-        far = ~late & (nearest > self._nanoseconds("ground_truth.max_gap"))
-        bracketed = (after < len(samples)) & (before >= 0) & (to_next <= self._patience)
-        outside = ~late & ~far & ~bracketed
-        account.reject(Reason.TOO_LATE, int(late.sum()))
-        account.reject(Reason.NO_GROUND_TRUTH, int(far.sum()))
-        account.reject(Reason.OUTSIDE_GROUND_TRUTH, int(outside.sum()))
-        return np.asarray(~late & ~far & ~outside)
-
-    @property
-    def _patience(self) -> int:
-        """How long after an estimate (ns) its last sample may be stamped; constant in a run."""
-        gap, lag = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("ground_truth.lag")
-        return max(PATIENCE, gap + lag)
-
-    def _give_up(self, now: int) -> None:
-        """Reject pending estimates without any sample near them, where one should have come by now.
-
-        A sample that serves an estimate is stamped at most ``max_gap`` after it and may come
-        ``max_wait`` late. Where one before the estimate serves it already, the next one may lie
-        behind a gap: those estimates wait for it.
-        """
-        if not len(self._pending):
-            return
-        stamps, held = self._pending.stamps, self._screen.held
-        samples = np.concatenate([self._ground_truth.stamps, held])
-        gap, wait = self._nanoseconds("ground_truth.max_gap"), self._nanoseconds("max_wait")
-        served = np.zeros(len(stamps), dtype=np.bool_)
-        if len(samples):
-            near = np.searchsorted(samples, stamps - gap)
-            served = samples[np.minimum(near, len(samples) - 1)] >= stamps - gap
-        given_up = ~served & (stamps + max(gap, self._nanoseconds("ground_truth.lag")) + wait < now)
-        self._estimates.account.reject(Reason.NO_GROUND_TRUTH, int(given_up.sum()))
-        self._pending = self._pending.where(~given_up)
+        self._reference.conclude()
+        return {name: track.finish() for name, track in self._tracks.items()}
 
     def _forget(self) -> None:
-        """Drop the ground truth that no estimate to come asks for, or that is too old to."""
-        samples = self._ground_truth.stamps
-        if not len(samples) or self._ground_truth.hyperparameters is None:
-            return
-        newest, held = int(samples[-1]), self._estimates.held_stamp
-        oldest = newest - self._patience - self._nanoseconds("max_wait")
-        waiting = newest if self._newest_estimate is not None else oldest
-        if self._newest_estimate is not None:
-            waiting = min(waiting, self._newest_estimate)
-        if len(self._pending):
-            waiting = min(waiting, int(self._pending.stamps[0]))
-        if held is not None:
-            waiting = min(waiting, held + self._nanoseconds("estimate.time_offset"))
-        self._ground_truth.forget(max(oldest, waiting))
+        """Drop the ground truth that no track asks for any more.
 
-    def _results(self, evaluations: Evaluations, cross: tuple[Array, ...]) -> Results:
-        return Results(
-            evaluations,
-            self._news(),
-            self._evaluation.absolute_log_likelihood,
-            self._evaluation.alignment,
-            cross,
-        )
+        None holds up the others: each lets go of what is older than the patience there is.
+        """
+        begins = [track.begin for track in self._tracks.values()]
+        known = [begin for begin in begins if begin is not None]
+        if len(known) == len(begins):
+            self._reference.ground_truth.forget(min(known))
 
-    def _news(self) -> tuple[Notice, ...]:
-        """The notices that are new since the last call: each code once a run, but each lesson."""
-        count, undetermined = self._evaluation.count, False
-        # It takes the waiting poses in and aligns all, as much as the rest of a call.
-        if count >= self._next_alignment:
-            undetermined = self._evaluation.conventional.is_rotation_undetermined
-            self._next_alignment = 2 * count
-        found = self._notices(undetermined)
-        news = tuple(n for n in found if _subject(n) not in self._announced)
-        self._announced |= {_subject(n) for n in news}
-        return news
-
-    def notices(self) -> tuple[Notice, ...]:
-        """Return what there is to say of the run as it stands, at most one notice a code.
+    def notices(self, name: str | None = None) -> tuple[Notice, ...]:
+        """Return what there is to say of an estimate's run, at most one notice a code.
 
         After :meth:`finish` it is a function of the data alone, as the figures are; what
         :class:`~trajeval_ros.online.results.Results` announced on the way need not hold any more.
         """
-        return self._notices(self._evaluation.conventional.is_rotation_undetermined)
+        return self._track(name).notices()
 
-    def _notices(self, undetermined: bool) -> tuple[Notice, ...]:
-        """The notices; ``undetermined``: whether the conventional alignment's rotation is."""
-        found = []
-        hyperparameters = self._ground_truth.hyperparameters
-        if hyperparameters is not None and self._values["gp.hyperparameters"] == "auto":
-            found.append(Notice("info", _LEARNED, _described(hyperparameters)))
-        consistency = self._evaluation.consistency
-        if consistency is not None and consistency > _SELF_CHECK:
-            found.append(
-                Notice(
-                    "warning",
-                    "inconsistent_likelihoods",
-                    f"first-order AE and RE differ by {consistency:.1e}, more than round-off",
-                )
-            )
-        strain = self._evaluation.strain
-        if strain is not None and strain > _STRAINED:
-            found.append(
-                Notice(
-                    "warning",
-                    "first_order_strained",
-                    f"running and first-order AE differ by {100.0 * strain:.0f} %: first order "
-                    "does not hold (ground-truth gaps, long runs), so RE is not calibrated",
-                )
-            )
-        if self._first_singular is not None:
-            found.append(
-                Notice(
-                    "warning",
-                    "singular_covariance",
-                    f"the covariance of the pose at {self._first_singular} ns is not positive "
-                    "definite: are ground truth's or estimate's covariances right?",
-                )
-            )
-        if undetermined:
-            text = (
-                "the motion is not larger than the errors, so the alignment's rotation is not "
-                "determined: the conventional rotation error is left out"
-            )
-            found.append(Notice("warning", "alignment_undetermined", text))
-        found += [
-            Notice("warning", f"ground_truth_{fault.code}", f"ground truth: {fault.text}")
-            for fault in self._faults.found
-        ]
-        return (*found, *self._doubts.notices())
+    def health(self, name: str | None = None) -> Health:
+        """Return the state of an estimate, of the ground truth and of the computation."""
+        return self._track(name).health()
 
-    def health(self) -> Health:
-        """Return the state of the inputs and of the computation."""
-        return Health(
-            self._topic(
-                self._estimates, self._evaluation.count, len(self._pending) + self._estimates.held
-            ),
-            self._topic(self._samples, self._used, self._held_samples),
-            self._ground_truth.hyperparameters,
-            self._ground_truth.segments,
-            self._evaluation.consistency,
-            self._faults.found,
-            self._ground_truth.fit,
-        )
-
-    @property
-    def _used(self) -> int:
-        account = self._samples.account
-        return account.received - account.rejected_total - self._held_samples
-
-    @property
-    def _held_samples(self) -> int:
-        return self._samples.held + len(self._screen.held)
-
-    @staticmethod
-    def _topic(intake: Intake, used: int, pending: int) -> TopicHealth:
-        account = intake.account
-        return TopicHealth(
-            account.received,
-            used,
-            pending,
-            account.rejected,
-            intake.first,
-            intake.last,
-            account.first_rejected,
-        )
-
-    def figures(self) -> dict[str, object]:
-        """Return the summary without what takes milliseconds.
+    def figures(self, name: str | None = None) -> dict[str, object]:
+        """Return an estimate's summary without what takes milliseconds.
 
         That is ``window`` and ``conventional.distributions``.
         """
-        return summarize(self.health(), self._values, self._evaluation)
+        return self._track(name).figures()
 
-    def summary(self) -> dict[str, object]:
-        """Return the figures of the run so far, as ``summary.json`` has them."""
-        figures, evaluation = self.figures(), self._evaluation
-        conventional = figures["conventional"]
-        assert isinstance(conventional, dict)
-        return {
-            **figures,
-            "conventional": {**conventional, "distributions": distributions(evaluation)},
-            "window": window_figures(evaluation.window(), evaluation.gauge),
-        }
+    def summary(self, name: str | None = None) -> dict[str, object]:
+        """Return the figures of an estimate's run so far, as ``summary.json`` has them."""
+        return self._track(name).summary()
 
+    def _track(self, name: str | None) -> Track:
+        return self._tracks[self._only(name)]
 
-def _extrinsic(values: Mapping[str, Value]) -> Array:
-    """T_gtbody_estbody; (4, 4)."""
-    extrinsic = np.array(values["extrinsic"], dtype=np.float64)
-    return se3.from_position_quaternion(extrinsic[:3], extrinsic[3:])
-
-
-def _settings(values: Mapping[str, Value]) -> Settings:
-    def number(name: str) -> float:
-        value = values[name]
-        assert isinstance(value, float | int)
-        return float(value)
-
-    def group(name: str) -> GroupHyperparameters:
-        components = [Component(number(f"gp.{name}.signal_std"), number(f"gp.{name}.length_scale"))]
-        if values["gp.kernel"] == "matern52":
-            for part in FURTHER_COMPONENTS:
-                std, length = (number(f"gp.{name}.{part}_{n}") for n in ("std", "length_scale"))
-                components.append(Component(std, length))
-        return GroupHyperparameters(tuple(components), number(f"gp.{name}.noise_std"))
-
-    fixed = values["gp.hyperparameters"] == "fixed"
-    return Settings(
-        kernel=str(values["gp.kernel"]),
-        hyperparameters=Hyperparameters(group("translation"), group("rotation")) if fixed else None,
-        translation_std=number("ground_truth.translation_std"),
-        rotation_std=number("ground_truth.rotation_std"),
-        shape=SegmentShape(
-            round(number("segment.duration") * 1e9),
-            number("segment.overlap"),
-            int(number("segment.min_samples")),
-            int(number("segment.max_samples")),
-        ),
-        joint=values["likelihood.covariance"] == "joint",
-    )
-
-
-def _subject(notice: Notice) -> str:
-    """What a notice is announced once for: its code, or the lesson that it tells."""
-    return notice.text if notice.code == _LEARNED else notice.code
-
-
-def _described(hyperparameters: Hyperparameters) -> str:
-    groups = ((hyperparameters.translation, "m"), (hyperparameters.rotation, "rad"))
-    texts = []
-    for name, (group, unit) in zip(("translation", "rotation"), groups, strict=True):
-        parts = [f"{c.std:.3g} {unit} over {c.length_scale:.3g} s" for c in group.components]
-        texts.append(f"{name} {' + '.join(parts)}, noise {group.noise_std:.3g} {unit}")
-    return "learned " + "; ".join(texts)
+    def _only(self, name: str | None) -> str:
+        """The estimate of that name; the only one if none is given."""
+        if name is None:
+            if len(self._names) > 1:
+                raise ValueError(f"which of the estimates {', '.join(self._names)} is meant?")
+            return self._names[0]
+        if name not in self._tracks:
+            raise ValueError(f"no estimate is called {name}: there is {', '.join(self._names)}")
+        return name

@@ -4,12 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.alignment.gauge import GAUGES, SE3, Gauge, Similarity
+from trajeval_ros.alignment.gauge import SE3, Gauge, Similarity
 from trajeval_ros.alignment.observability import Observability
 from trajeval_ros.conventional.running import RunningConventional
 from trajeval_ros.likelihood.absolute import RunningAbsolute, absolute_residual
@@ -17,9 +15,9 @@ from trajeval_ros.likelihood.first_order import FirstOrderAbsolute
 from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
 from trajeval_ros.likelihood.joint import FactorRows, JointFactor
 from trajeval_ros.likelihood.relative import RunningRelative
-from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.residuals import MeanSquares, ResidualMoments
 from trajeval_ros.online.results import Evaluations
+from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.window import EvaluatedPoses, SlidingWindow, Window
 
 Array = npt.NDArray[np.float64]
@@ -31,23 +29,20 @@ _ENOUGH_TO_STRAIN = 100
 class Evaluation:
     """Every running figure, and the window; the owner of their state."""
 
-    def __init__(self, values: Mapping[str, Value]) -> None:
-        """Take all parameters' values."""
-        self.gauge: Gauge = next(g for n, g in GAUGES.items() if n == values["gauge"])
-        duration = values["window.duration"]
-        delta = values["relative.delta"]
-        assert isinstance(duration, float)
-        assert isinstance(delta, float)
-        self._window = SlidingWindow(round(duration * 1e9))
+    def __init__(self, settings: EvaluationSettings) -> None:
+        """Start without poses."""
+        self.settings = settings
+        self.gauge: Gauge = settings.gauge
+        self._window = SlidingWindow(settings.window)
         # Factored once for all three.
-        self._factor = JointFactor() if values["likelihood.covariance"] == "joint" else None
+        self._factor = JointFactor() if settings.joint else None
         self._relative = RunningRelative(0 if self._factor is None else None)
         self._first_order = FirstOrderAbsolute()
         self._absolute = RunningAbsolute(self.gauge)
         self._absolute_total = self._absolute.total
         self._alignment = self._absolute.alignment
         self._conventional = RunningConventional(
-            self.gauge.name, delta, "m" if values["relative.unit"] == "m" else "s"
+            self.gauge.name, settings.relative_delta, settings.relative_unit
         )
         self._steps = MeanSquares()
         self._residuals = ResidualMoments()

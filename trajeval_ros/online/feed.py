@@ -25,10 +25,9 @@ def feed(
 
     A pose whose stamp is out of order goes with the poses before it.
     """
-    offset = engine.parameters["estimate.time_offset"]
-    assert isinstance(offset, float)
+    (settings,) = engine.settings.estimates.values()
     truth_times = arrival_times(ground_truth.stamps)
-    estimate_times = arrival_times(estimate.stamps + round(offset * 1e9))
+    estimate_times = arrival_times(estimate.stamps + settings.time_offset)
     taken = [0, 0]
     for now in _chunk_ends(truth_times, estimate_times, chunk):
         until = [int(np.searchsorted(t, now, side="right")) for t in (truth_times, estimate_times)]

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.likelihood.gaussian import is_indefinite
 from trajeval_ros.online.accounting import Account, Reason
+from trajeval_ros.online.results import TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 
 Array = npt.NDArray[np.float64]
@@ -76,6 +77,19 @@ class Intake:
     def last(self) -> int | None:
         """Stamp of the newest pose let in."""
         return self._last
+
+    def health(self, used: int, pending: int) -> TopicHealth:
+        """Return the topic's account, with what became of the poses let in."""
+        account = self.account
+        return TopicHealth(
+            account.received,
+            used,
+            pending,
+            account.rejected,
+            self.first,
+            self.last,
+            account.first_rejected,
+        )
 
     def accept(self, samples: PoseSamples) -> Accepted:
         """Return what may pass of the new ``samples``; count the rest."""

@@ -9,8 +9,9 @@ The node declares them from here, ``evaluate`` reads them from here, and a test 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS, LEAST_NOISE
@@ -281,6 +282,56 @@ _TABLE = (
 )
 
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in _TABLE})
+"""The parameters of a run with one estimate, which is called ``estimate``."""
+
+ONE = ("estimate",)
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+# What a parameter, a status or an output topic begins with already.
+_TAKEN = {
+    *("ground_truth", "comparison", "metrics", "markers", "reset", "save"),
+    *("absolute", "conventional"),
+    *(p.name.partition(".")[0] for p in _TABLE if not p.name.startswith("estimate.")),
+}
+
+
+def check_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of a run's estimates.
+
+    Raises
+    ------
+    ParameterError
+        For none, one that comes twice, is not snake_case, or means something else already.
+    """
+    if not names:
+        raise ParameterError("estimates must name at least one estimate")
+    for name in names:
+        if not _NAME.fullmatch(name):
+            raise ParameterError(f"estimates must be named in snake_case, got {name!r}")
+        if name in _TAKEN:
+            raise ParameterError(f"an estimate cannot be named {name}: that means something else")
+        if list(names).count(name) > 1:
+            raise ParameterError(f"estimates must have different names, got {name} twice")
+    return tuple(names)
+
+
+def table(names: Sequence[str] = ONE) -> Mapping[str, Parameter]:
+    """Return the parameters of a run with these estimates, by name.
+
+    Those of ``estimate`` are there for each name; ``extrinsic``, which is one for all, is
+    ``<name>.extrinsic`` where there is another name than ``estimate``.
+    """
+    if tuple(names) == ONE:
+        return PARAMETERS
+    found: dict[str, Parameter] = {}
+    for parameter in _TABLE:
+        if parameter.name == "extrinsic":
+            found |= {p.name: p for p in (replace(parameter, name=f"{n}.extrinsic") for n in names)}
+        elif parameter.name.startswith("estimate."):
+            rest = parameter.name.removeprefix("estimate.")
+            found |= {p.name: p for p in (replace(parameter, name=f"{n}.{rest}") for n in names)}
+        else:
+            found[parameter.name] = parameter
+    return found
 
 
 # What a ROS parameter file may hold for any node.
@@ -293,20 +344,23 @@ def is_of_ros(name: str) -> bool:
     return name in _OF_ROS or name.startswith(_PREFIX_OF_ROS)
 
 
-def complete(values: Mapping[str, object]) -> dict[str, Value]:
+def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[str, Value]:
     """Return every parameter's value: ``values``, validated, over the defaults.
+
+    ``names``: of the estimates.
 
     Raises
     ------
     ParameterError
         For an unknown name, a wrong type, a value out of range, or values that exclude each other.
     """
-    unknown = sorted(set(values) - set(PARAMETERS))
+    parameters = table(check_names(names))
+    unknown = sorted(set(values) - set(parameters))
     if unknown:
         raise ParameterError(f"unknown parameter {unknown[0]}")
     merged = {
         name: parameter.validate(values[name]) if name in values else parameter.default
-        for name, parameter in PARAMETERS.items()
+        for name, parameter in parameters.items()
     }
     if merged["segment.min_samples"] > merged["segment.max_samples"]:  # type: ignore[operator]
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
 
 import numpy as np
@@ -24,7 +23,6 @@ from trajeval_ros.likelihood.joint import FactorRows
 from trajeval_ros.likelihood.noise_equivalent import noise_equivalent_error
 from trajeval_ros.likelihood.relative import RunningRelative, relative, steps_likelihood
 from trajeval_ros.online.evaluation import Evaluation
-from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Health
 from trajeval_ros.online.window import EvaluatedPoses, Window, joint_covariance
 
@@ -32,7 +30,7 @@ Array = npt.NDArray[np.float64]
 Figures = dict[str, object]
 
 
-def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluation) -> Figures:
+def summarize(health: Health, evaluation: Evaluation) -> Figures:
     """Return the summary but for its window; figures without enough data are None."""
     estimate, ground_truth = health.estimate, health.ground_truth
     hyperparameters = health.hyperparameters
@@ -58,7 +56,7 @@ def summarize(health: Health, values: Mapping[str, Value], evaluation: Evaluatio
         "gauge": evaluation.gauge.name,
         "relative": _relative(evaluation),
         "absolute": _absolute(evaluation),
-        "conventional": _conventional(evaluation, values),
+        "conventional": _conventional(evaluation),
     }
 
 
@@ -216,7 +214,7 @@ def _noise_equivalent(poses: EvaluatedPoses, gauge: Gauge, best: Absolute) -> Fi
     return dict(zip(names, (found.translation_std, found.rotation_std), strict=True))
 
 
-def _conventional(evaluation: Evaluation, values: Mapping[str, Value]) -> Figures:
+def _conventional(evaluation: Evaluation) -> Figures:
     conventional = evaluation.conventional.figures()
     return {
         "poses": conventional.poses,
@@ -225,8 +223,8 @@ def _conventional(evaluation: Evaluation, values: Mapping[str, Value]) -> Figure
         "ate_rotation_rmse": conventional.ate_rotation_rmse,
         "re_translation_rmse": conventional.re_translation_rmse,
         "re_rotation_rmse": conventional.re_rotation_rmse,
-        "re_delta": values["relative.delta"],
-        "re_unit": values["relative.unit"],
+        "re_delta": evaluation.settings.relative_delta,
+        "re_unit": evaluation.settings.relative_unit,
     }
 
 

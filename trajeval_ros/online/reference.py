@@ -1,0 +1,104 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ground truth's side of the engine: its samples, from the topic to the process.
+
+One for all estimates: it is modelled, learned and forgotten once, and answers each of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.ground_truth.faults import Faults
+from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
+from trajeval_ros.ground_truth.screen import Screen, Screened
+from trajeval_ros.ground_truth.segment import Samples
+from trajeval_ros.ground_truth.trajectory import GroundTruth
+from trajeval_ros.online.accounting import Reason
+from trajeval_ros.online.intake import Accepted, Intake
+from trajeval_ros.online.results import Notice, TopicHealth
+from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.online.settings import GroundTruthSettings
+
+Stamps = npt.NDArray[np.int64]
+
+LEARNED = "hyperparameters_learned"
+
+
+class Reference:
+    """Takes ground-truth samples; :attr:`ground_truth` answers."""
+
+    def __init__(self, settings: GroundTruthSettings) -> None:
+        """Start without samples."""
+        self._learned = settings.learned
+        self._intake = Intake(settings.use_covariance)
+        self.faults = Faults()
+        process = settings.process
+        self._screen = Screen((process.translation_std, process.rotation_std), self.faults)
+        self.ground_truth = GroundTruth(process, self.faults)
+
+    @property
+    def known(self) -> Stamps:
+        """Stamps of the retained samples and, after them, of those that are still screened."""
+        return np.concatenate([self.ground_truth.stamps, self._screen.held])
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether there are samples and the hyperparameters are known."""
+        truth = self.ground_truth
+        return truth.hyperparameters is not None and len(truth.stamps) > 0
+
+    def add(self, samples: PoseSamples) -> None:
+        """Take samples, in the order of their arrival."""
+        self._append(self._intake.accept(samples))
+
+    def confirm(self, now: int) -> None:
+        """Let in the sample held back if its stamp is not after ``now`` (ns)."""
+        self._append(self._intake.confirm(now))
+
+    def conclude(self) -> None:
+        """No more samples will come."""
+        self._append(self._intake.conclude())
+        self._append_screened(self._screen.conclude())
+        self.ground_truth.conclude()
+
+    def _append(self, accepted: Accepted) -> None:
+        if len(accepted.stamps):
+            samples = Samples(accepted.stamps, accepted.poses, accepted.covariances)
+            self._append_screened(self._screen.accept(samples))
+
+    def _append_screened(self, screened: Screened) -> None:
+        for code, count in screened.rejected.items():
+            self._intake.account.reject(Reason(code), count)
+        if len(screened.samples):
+            self.ground_truth.append(screened.samples)
+
+    def learned(self) -> tuple[Notice, ...]:
+        """What has been learned, if it is to be."""
+        hyperparameters = self.ground_truth.hyperparameters
+        if hyperparameters is None or not self._learned:
+            return ()
+        return (Notice("info", LEARNED, _described(hyperparameters)),)
+
+    def faulty(self) -> tuple[Notice, ...]:
+        """What is wrong with the ground truth."""
+        return tuple(
+            Notice("warning", f"ground_truth_{fault.code}", f"ground truth: {fault.text}")
+            for fault in self.faults.found
+        )
+
+    def health(self) -> TopicHealth:
+        """Return the topic's account."""
+        account, held = self._intake.account, self._intake.held + len(self._screen.held)
+        used = account.received - account.rejected_total - held
+        return self._intake.health(used, held)
+
+
+def _described(hyperparameters: Hyperparameters) -> str:
+    groups = ((hyperparameters.translation, "m"), (hyperparameters.rotation, "rad"))
+    texts = []
+    for name, (group, unit) in zip(("translation", "rotation"), groups, strict=True):
+        parts = [f"{c.std:.3g} {unit} over {c.length_scale:.3g} s" for c in group.components]
+        texts.append(f"{name} {' + '.join(parts)}, noise {group.noise_std:.3g} {unit}")
+    return "learned " + "; ".join(texts)

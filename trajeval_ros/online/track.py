@@ -1,0 +1,394 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""An estimate's side of the engine: its poses, from the topic to the figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN
+from trajeval_ros.ground_truth.joint import JointCovariance
+from trajeval_ros.likelihood.gaussian import CovarianceError, positive_definite
+from trajeval_ros.online.accounting import Reason
+from trajeval_ros.online.doubts import CovarianceDoubts
+from trajeval_ros.online.evaluation import Evaluation
+from trajeval_ros.online.intake import Accepted, Intake
+from trajeval_ros.online.reference import LEARNED, Reference
+from trajeval_ros.online.results import NO_EVALUATIONS, Evaluations, Health, Notice, Results
+from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.online.settings import EstimateSettings, EvaluationSettings, Timing
+from trajeval_ros.online.summary import distributions, summarize, window_figures
+from trajeval_ros.online.window import EvaluatedPoses
+from trajeval_ros.online.withdrawn import Withdrawn
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_SELF_CHECK = 1e-6
+_STRAINED = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """Estimates that wait for their ground truth; ``stamps`` are on the ground truth's clock."""
+
+    stamps: Stamps
+    poses: Array
+    covariances: Array | None
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def where(self, mask: Mask) -> _Pending:
+        covariances = None if self.covariances is None else self.covariances[mask]
+        return _Pending(self.stamps[mask], self.poses[mask], covariances)
+
+    def joined(self, later: _Pending) -> _Pending:
+        covariances = later.covariances
+        if self.covariances is not None and later.covariances is not None:
+            covariances = np.concatenate([self.covariances, later.covariances])
+        return _Pending(
+            np.concatenate([self.stamps, later.stamps]),
+            np.concatenate([self.poses, later.poses]),
+            covariances,
+        )
+
+
+_NOBODY = _Pending(np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), None)
+
+
+class Track:
+    """Scores one estimate. What becomes of it does not depend on what other tracks do."""
+
+    def __init__(
+        self,
+        settings: EstimateSettings,
+        evaluation: EvaluationSettings,
+        timing: Timing,
+        reference: Reference,
+        begin: int | None = None,
+    ) -> None:
+        """Start without poses; ``begin`` (ns): nothing before it can be asked any more."""
+        self._settings = settings
+        self._timing = timing
+        self._reference = reference
+        self._ground_truth = reference.ground_truth
+        self._from_body = settings.from_body
+        self._estimates = Intake(settings.use_covariance)
+        self._evaluation = Evaluation(evaluation)
+        self._joint = JointCovariance() if evaluation.joint else None
+        self._pending = _NOBODY
+        self._newest_estimate: int | None = None
+        self._withdrawn = Withdrawn()
+        self._first_singular: int | None = None
+        self._doubts = CovarianceDoubts()
+        self._announced: set[str] = set()
+        self._next_alignment = ENOUGH_TO_ALIGN
+        self._begin = begin
+
+    def change(self, evaluation: EvaluationSettings, timing: Timing) -> None:
+        """Go on with another window and another wait."""
+        self._evaluation.window_duration = evaluation.window
+        self._timing = timing
+
+    @property
+    def begin(self) -> int | None:
+        """Stamp (ns) before which it asks for nothing any more; None while all may be asked."""
+        return self._begin
+
+    def add(self, samples: PoseSamples) -> None:
+        """Take poses, in the order of their arrival."""
+        if samples.covariances is not None and self._settings.use_covariance:
+            self._doubts.look_at(samples.covariances)
+        self._append(self._estimates.accept(samples))
+
+    def _append(self, accepted: Accepted) -> None:
+        if not len(accepted.stamps):
+            return
+        # T_world_gtbody = T_world_estbody (T_gtbody_estbody)^-1, and the covariance goes along by
+        # the adjoint.
+        covariances = accepted.covariances
+        if covariances is not None:
+            adjoint = se3.adjoint(se3.inverse(self._from_body))
+            covariances = adjoint @ covariances @ adjoint.T
+        stamps = accepted.stamps + self._settings.time_offset
+        arrived = _Pending(stamps, se3.compose(accepted.poses, self._from_body), covariances)
+        self._newest_estimate = int(stamps[-1])
+        self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
+
+    def advance(self, now: int | None) -> Results:
+        """Evaluate all that can be, after the ground truth has been told the time."""
+        if now is not None:
+            certain = now - self._timing.max_wait
+            self._append(self._estimates.confirm(certain - self._settings.time_offset))
+            self._give_up(now)
+        results = self._evaluate(self._answerable(now))
+        self._forget()
+        return self._results(*results)
+
+    def finish(self) -> Results:
+        """Decide all that is pending, after the ground truth has been concluded."""
+        self._append(self._estimates.conclude())
+        self._next_alignment = 0
+        return self._results(*self._evaluate(len(self._pending)))
+
+    def _answerable(self, now: int | None) -> int:
+        """Number of pending estimates that can be decided, the oldest ones.
+
+        Those that are at least ``lag`` older than the newest sample; and those whose last sample,
+        at most ``patience`` later, must have come by ``now``.
+        """
+        if not self._reference.is_ready:
+            return 0
+        stamps = self._ground_truth.stamps
+        latest = int(stamps[-1]) - self._timing.lag
+        if now is not None:
+            latest = max(latest, now - self._timing.patience - self._timing.max_wait - 1)
+        return int(np.searchsorted(self._pending.stamps, latest, side="right"))
+
+    def _evaluate(self, count: int) -> tuple[Evaluations, tuple[Array, ...]]:
+        """Decide the ``count`` oldest pending estimates."""
+        if not count:
+            return NO_EVALUATIONS, ()
+        index = np.arange(len(self._pending)) < count
+        chosen, self._pending = self._pending.where(index), self._pending.where(~index)
+        good = self._judge(chosen.stamps)
+        chosen = chosen.where(good)
+        if not len(chosen):
+            return NO_EVALUATIONS, ()
+        posterior = self._ground_truth.posterior(
+            chosen.stamps, self._until(chosen.stamps), self._joint
+        )
+        covariance = posterior.covariances
+        if chosen.covariances is not None:
+            # To first order the two errors add up: the two body frames differ by the error itself.
+            covariance = covariance + chosen.covariances
+        offset = self._settings.time_offset
+        poses = EvaluatedPoses(
+            chosen.stamps, posterior.poses, covariance, chosen.poses, posterior.cross
+        )
+        return self._score(poses, offset, posterior.sampled)
+
+    def _score(
+        self, answered: EvaluatedPoses, offset: int, sampled: Mask
+    ) -> tuple[Evaluations, tuple[Array, ...]]:
+        """Evaluate poses but for those whose covariance is not positive definite.
+
+        By itself, or as the joint covariance goes on with it.
+        """
+        numbers = self._withdrawn.number(len(answered))
+        good = positive_definite(answered.covariance)
+        self._withdraw(answered.stamps[~good], numbers[~good])
+        scored = self._score_good(answered, offset, sampled, numbers, good)
+        if answered.cross is not None:
+            self._withdrawn.forget(len(answered.cross[-1]))
+        return scored
+
+    def _score_good(
+        self, answered: EvaluatedPoses, offset: int, sampled: Mask, numbers: Stamps, good: Mask
+    ) -> tuple[Evaluations, tuple[Array, ...]]:
+        """Evaluate the ``good`` poses but for those that the joint covariance does not go on with.
+
+        Each attempt leaves out all poses withdrawn so far.
+        """
+        while good.any():
+            poses = answered.where(good)
+            if poses.cross is not None:
+                cross = self._withdrawn.left_out(numbers[good], poses.cross)
+                poses = replace(poses, cross=cross)
+            try:
+                return self._evaluation.add(poses, offset, sampled[good]), poses.cross or ()
+            except CovarianceError as error:
+                index = np.flatnonzero(good)[error.index]
+                good[index] = False
+                self._withdraw(answered.stamps[[index]], numbers[[index]])
+        return NO_EVALUATIONS, ()
+
+    def _withdraw(self, stamps: Stamps, numbers: Stamps) -> None:
+        """Reject poses whose covariance cannot be factored."""
+        if not len(stamps):
+            return
+        self._withdrawn.add(numbers)
+        self._estimates.account.reject(Reason.SINGULAR_COVARIANCE, len(stamps))
+        first = int(stamps.min())
+        if self._first_singular is None or first < self._first_singular:
+            self._first_singular = first
+
+    def _until(self, stamps: Stamps) -> Stamps:
+        """Stamp of the last sample that answers each of ``stamps`` (n,).
+
+        The first one at or after ``t + lag``; or, where that is more than ``patience`` after t, the
+        last one before.
+        """
+        samples = self._ground_truth.stamps
+        complete = np.searchsorted(samples, stamps + self._timing.lag)
+        latest = np.searchsorted(samples, stamps + self._timing.patience, side="right") - 1
+        return np.asarray(samples[np.minimum(complete, latest)])
+
+    def _judge(self, stamps: Stamps) -> Mask:
+        """Which estimates can be scored, (n,); count the others."""
+        samples = self._ground_truth.stamps
+        account = self._estimates.account
+        if not self._reference.is_ready:
+            account.reject(Reason.NO_GROUND_TRUTH, len(stamps))
+            return np.zeros(len(stamps), dtype=np.bool_)
+        begin = self._begin
+        late = stamps < (samples[0] if begin is None else begin)
+        late &= begin is not None
+        after = np.searchsorted(samples, stamps)
+        before = np.searchsorted(samples, stamps, side="right") - 1
+        to_next = samples[np.minimum(after, len(samples) - 1)] - stamps
+        to_last = stamps - samples[np.maximum(before, 0)]
+        nearest = np.minimum(np.abs(to_next), np.abs(to_last))
+        far = ~late & (nearest > self._timing.max_gap)
+        bracketed = (after < len(samples)) & (before >= 0) & (to_next <= self._timing.patience)
+        outside = ~late & ~far & ~bracketed
+        account.reject(Reason.TOO_LATE, int(late.sum()))
+        account.reject(Reason.NO_GROUND_TRUTH, int(far.sum()))
+        account.reject(Reason.OUTSIDE_GROUND_TRUTH, int(outside.sum()))
+        return np.asarray(~late & ~far & ~outside)
+
+    def _give_up(self, now: int) -> None:
+        """Reject pending estimates without any sample near them, where one should have come by now.
+
+        A sample that serves an estimate is stamped at most ``max_gap`` after it and may come
+        ``max_wait`` late. Where one before the estimate serves it already, the next one may lie
+        behind a gap: those estimates wait for it.
+        """
+        if not len(self._pending):
+            return
+        stamps, samples = self._pending.stamps, self._reference.known
+        gap, wait = self._timing.max_gap, self._timing.max_wait
+        served = np.zeros(len(stamps), dtype=np.bool_)
+        if len(samples):
+            near = np.searchsorted(samples, stamps - gap)
+            served = samples[np.minimum(near, len(samples) - 1)] >= stamps - gap
+        given_up = ~served & (stamps + max(gap, self._timing.lag) + wait < now)
+        self._estimates.account.reject(Reason.NO_GROUND_TRUTH, int(given_up.sum()))
+        self._pending = self._pending.where(~given_up)
+
+    def _forget(self) -> None:
+        """Move on :attr:`begin`: to what no pose to come asks for, or what is too old to be."""
+        if not self._reference.is_ready:
+            return
+        newest, held = int(self._ground_truth.stamps[-1]), self._estimates.held_stamp
+        oldest = newest - self._timing.patience - self._timing.max_wait
+        waiting = newest if self._newest_estimate is not None else oldest
+        if self._newest_estimate is not None:
+            waiting = min(waiting, self._newest_estimate)
+        if len(self._pending):
+            waiting = min(waiting, int(self._pending.stamps[0]))
+        if held is not None:
+            waiting = min(waiting, held + self._settings.time_offset)
+        before = max(oldest, waiting)
+        self._begin = before if self._begin is None else max(before, self._begin)
+
+    def _results(self, evaluations: Evaluations, cross: tuple[Array, ...]) -> Results:
+        return Results(
+            evaluations,
+            self._news(),
+            self._evaluation.absolute_log_likelihood,
+            self._evaluation.alignment,
+            cross,
+        )
+
+    def _news(self) -> tuple[Notice, ...]:
+        """The notices that are new since the last call: each code once a run, but each lesson."""
+        count, undetermined = self._evaluation.count, False
+        # It takes the waiting poses in and aligns all, as much as the rest of a call.
+        if count >= self._next_alignment:
+            undetermined = self._evaluation.conventional.is_rotation_undetermined
+            self._next_alignment = 2 * count
+        found = self._notices(undetermined)
+        news = tuple(n for n in found if _subject(n) not in self._announced)
+        self._announced |= {_subject(n) for n in news}
+        return news
+
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what there is to say of the run as it stands, at most one notice a code.
+
+        After :meth:`finish` it is a function of the data alone, as the figures are; what
+        :class:`~trajeval_ros.online.results.Results` announced on the way need not hold any more.
+        """
+        return self._notices(self._evaluation.conventional.is_rotation_undetermined)
+
+    def _notices(self, undetermined: bool) -> tuple[Notice, ...]:
+        """The notices; ``undetermined``: whether the conventional alignment's rotation is."""
+        found = list(self._reference.learned())
+        consistency = self._evaluation.consistency
+        if consistency is not None and consistency > _SELF_CHECK:
+            found.append(
+                Notice(
+                    "warning",
+                    "inconsistent_likelihoods",
+                    f"first-order AE and RE differ by {consistency:.1e}, more than round-off",
+                )
+            )
+        strain = self._evaluation.strain
+        if strain is not None and strain > _STRAINED:
+            found.append(
+                Notice(
+                    "warning",
+                    "first_order_strained",
+                    f"running and first-order AE differ by {100.0 * strain:.0f} %: first order "
+                    "does not hold (ground-truth gaps, long runs), so RE is not calibrated",
+                )
+            )
+        if self._first_singular is not None:
+            found.append(
+                Notice(
+                    "warning",
+                    "singular_covariance",
+                    f"the covariance of the pose at {self._first_singular} ns is not positive "
+                    "definite: are ground truth's or estimate's covariances right?",
+                )
+            )
+        if undetermined:
+            text = (
+                "the motion is not larger than the errors, so the alignment's rotation is not "
+                "determined: the conventional rotation error is left out"
+            )
+            found.append(Notice("warning", "alignment_undetermined", text))
+        return (*found, *self._reference.faulty(), *self._doubts.notices())
+
+    def health(self) -> Health:
+        """Return the state of the inputs and of the computation."""
+        return Health(
+            self._estimates.health(
+                self._evaluation.count, len(self._pending) + self._estimates.held
+            ),
+            self._reference.health(),
+            self._ground_truth.hyperparameters,
+            self._ground_truth.segments,
+            self._evaluation.consistency,
+            self._reference.faults.found,
+            self._ground_truth.fit,
+        )
+
+    def figures(self) -> dict[str, object]:
+        """Return the summary without what takes milliseconds.
+
+        That is ``window`` and ``conventional.distributions``.
+        """
+        return summarize(self.health(), self._evaluation)
+
+    def summary(self) -> dict[str, object]:
+        """Return the figures of the run so far, as ``summary.json`` has them."""
+        figures, evaluation = self.figures(), self._evaluation
+        conventional = figures["conventional"]
+        assert isinstance(conventional, dict)
+        return {
+            **figures,
+            "conventional": {**conventional, "distributions": distributions(evaluation)},
+            "window": window_figures(evaluation.window(), evaluation.gauge),
+        }
+
+
+def _subject(notice: Notice) -> str:
+    """What a notice is announced once for: its code, or the lesson that it tells."""
+    return notice.text if notice.code == LEARNED else notice.code
