@@ -20,7 +20,7 @@ WORKERS = --numprocesses=auto --maxprocesses=4 --dist=loadfile
 NONE_IS_FINE = $(if $(strip $(ARGS)),|| [ $$? -eq 5 ])
 
 # What needs no ROS: the mathematics, the engine, the files, the report.
-NOBLE_TESTS = $(wildcard $(foreach name,alignment conventional degenerate diagnosis files \
+NOBLE_TESTS = $(wildcard $(foreach name,alignment comparison conventional degenerate diagnosis files \
 	ground_truth likelihood online report se3,test/$(name) test/test_$(name).py))
 
 # Nodes of this machine only; messages type-checked as they are built; rclpy wants a HOME.
@@ -69,7 +69,7 @@ install: .venv/.installed
 	@echo "Installing into .venv (a minute or two the first time) ..."
 	@$(call environment,.venv,$(PYTHONS),13)
 	@.venv/bin/python -m pip install -qq --constraint requirements/tools.txt \
-		--editable '.[ros,bags,report,terminal,test,bench,check]'
+		--editable '.[ros,bags,report,terminal,comparison,test,bench,check]'
 	@.venv/bin/python -m compileall -q trajeval_ros
 	@$(call installed,.venv)
 	@echo "Installed."

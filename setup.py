@@ -16,6 +16,8 @@ EXTRAS = {
     "bags": ["rosbags>=0.10"],
     # The plots of report.html
     "report": ["matplotlib>=3.6"],
+    # Intervals by the stationary bootstrap where two estimates are compared
+    "comparison": ["arch>=6.2"],
     # The live view of demo
     "terminal": ["rich>=13"],
     "test": ["pytest>=7.4", "pytest-xdist>=3", "hypothesis>=6.98", "catkin-pkg", "evo", "mpmath"],

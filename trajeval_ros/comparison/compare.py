@@ -1,0 +1,114 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Two estimates of one run, compared on what both cover."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.alignment.umeyama import Gauge
+from trajeval_ros.comparison.common import Coverage, Evaluated, Extent, coverage, pair_nearest
+from trajeval_ros.comparison.errors import errors_of, steps
+from trajeval_ros.comparison.ratio import Method, Ratio, Unit, best_method, ratio_of
+from trajeval_ros.conventional.step_pairs import StepUnit
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Estimate a against estimate b. Each ratio is RMSE of a over RMSE of b: below 1, a is better.
+
+    Each is None where one of the two has no such figure, for the reasons that it would have none
+    by itself. ATE: aligned over the common poses, each by itself. RE: over all steps of `delta`
+    between common poses, which overlap.
+
+    Attributes:
+        a: name.
+        b: name.
+        coverage: what both and what one alone covers.
+        ate_translation: m.
+        ate_rotation: rad.
+        re_translation: m.
+        re_rotation: rad.
+    """
+
+    a: str
+    b: str
+    coverage: Coverage
+    ate_translation: Ratio | None
+    ate_rotation: Ratio | None
+    re_translation: Ratio | None
+    re_rotation: Ratio | None
+
+    def figures(self) -> dict[str, object]:
+        """By name, as in ``summary.json``."""
+        ratios = {
+            "ate_translation": self.ate_translation,
+            "ate_rotation": self.ate_rotation,
+            "re_translation": self.re_translation,
+            "re_rotation": self.re_rotation,
+        }
+        return {
+            "a": self.a,
+            "b": self.b,
+            "common": dataclasses.asdict(self.coverage.common),
+            "only_a": dataclasses.asdict(self.coverage.only_a),
+            "only_b": dataclasses.asdict(self.coverage.only_b),
+            **{name: None if r is None else r.figures() for name, r in ratios.items()},
+        }
+
+
+def compare(
+    a: Evaluated,
+    b: Evaluated,
+    gauge: Gauge = "se3",
+    delta: float = 1.0,
+    unit: StepUnit = "s",
+    method: Method | None = None,
+    seed: int = 0,
+) -> Comparison:
+    """Compare two estimates of one run.
+
+    Args:
+        a: an estimate with the ground truth at its stamps.
+        b: another one.
+        gauge: of each one's alignment.
+        delta: RE's step, s or m, above zero.
+        unit: `s` or `m` (along the ground truth).
+        method: where intervals come from; the stationary bootstrap where arch is installed.
+        seed: of the bootstrap: the same inputs give the same figures.
+
+    Raises:
+        ValueError: an unknown gauge or unit, or a delta that is not positive and finite.
+        ImportError: `stationary_bootstrap` is asked for, and arch is not installed.
+    """
+    index_a, index_b = pair_nearest(a.stamps, b.stamps)
+    covered = coverage(a.stamps, b.stamps, len(index_a))
+    common_a, common_b = a[index_a], b[index_b]
+    begin, end = steps(common_a, delta, unit)
+    errors_a, errors_b = (
+        errors_of(common, begin, end, gauge, delta, unit) for common in (common_a, common_b)
+    )
+    method = method or best_method()
+
+    def ratio(
+        one: npt.NDArray[np.float64] | None, other: npt.NDArray[np.float64] | None, unit: Unit
+    ) -> Ratio | None:
+        if one is None or other is None or len(one) == 0:
+            return None
+        return ratio_of(one, other, unit, method, seed)
+
+    return Comparison(
+        a=a.name,
+        b=b.name,
+        coverage=covered,
+        ate_translation=ratio(errors_a.ate_translation, errors_b.ate_translation, "m"),
+        ate_rotation=ratio(errors_a.ate_rotation, errors_b.ate_rotation, "rad"),
+        re_translation=ratio(errors_a.re_translation, errors_b.re_translation, "m"),
+        re_rotation=ratio(errors_a.re_rotation, errors_b.re_rotation, "rad"),
+    )
+
+
+__all__ = ["Comparison", "Coverage", "Evaluated", "Extent", "Ratio", "compare"]

@@ -1,0 +1,96 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of two estimates at the same instants and over the same steps."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.alignment.umeyama import Gauge
+from trajeval_ros.comparison.common import Evaluated, Indices
+from trajeval_ros.conventional.running import RunningConventional
+from trajeval_ros.conventional.step_pairs import StepUnit
+
+Array = npt.NDArray[np.float64]
+
+# A step that takes longer than this, in steps, has a gap in it.
+_LONGEST_STEP = 1.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Errors:
+    """Conventional errors of one estimate, of (M,) poses and (K,) steps; None where unknown.
+
+    m and rad, as ``conventional/running.py`` defines them, aligned over these poses.
+    """
+
+    ate_translation: Array | None
+    ate_rotation: Array | None
+    re_translation: Array | None
+    re_rotation: Array
+
+
+def steps(evaluated: Evaluated, delta: float, unit: StepUnit) -> tuple[Indices, Indices]:
+    """Begin and end, (K,) each, of all steps: from every pose to the first one a step later.
+
+    In m along the ground truth, the same for whatever estimate. A step that is more than half too
+    long is left out: it has a gap in it.
+    """
+    if unit == "s":
+        place = (evaluated.stamps - evaluated.stamps[:1]) * 1e-9
+        # As exact as the stamps are: neither 0.1 + 0.2 nor a jitter of ns lengthens a step.
+        delta_low = delta - 1e-9
+    else:
+        walked = np.linalg.norm(np.diff(evaluated.ground_truth[:, :3, 3], axis=0), axis=-1)
+        place = np.concatenate(([0.0], np.cumsum(walked)))[: len(evaluated)]
+        delta_low = delta
+    end = np.searchsorted(place, place + delta_low)
+    begin = np.flatnonzero(end < len(place))
+    end = end[begin]
+    short = place[end] - place[begin] <= _LONGEST_STEP * delta
+    return begin[short].astype(np.int64), end[short].astype(np.int64)
+
+
+def errors_of(
+    evaluated: Evaluated, begin: Indices, end: Indices, gauge: Gauge, delta: float, unit: StepUnit
+) -> Errors:
+    """The errors of an estimate, and of its steps from `begin` to `end`, (K,) each.
+
+    Raises:
+        ValueError: an unknown gauge or unit, or a delta that is not positive and finite.
+    """
+    running = RunningConventional(gauge, delta, unit)
+    running.update(evaluated.stamps, evaluated.ground_truth, evaluated.estimate)
+    known = running.figures()
+    alignment = known.alignment
+    turn = _rotations(evaluated.ground_truth).swapaxes(-1, -2)
+    ate_translation = ate_rotation = re_translation = None
+    if alignment is not None and known.ate_translation_rmse is not None:
+        moved = alignment.transform_positions(evaluated.estimate[:, :3, 3])
+        ate_translation = np.linalg.norm(moved - evaluated.ground_truth[:, :3, 3], axis=-1)
+    if alignment is not None and known.ate_rotation_rmse is not None:
+        ate_rotation = _angles(turn @ alignment.rotation @ _rotations(evaluated.estimate))
+    truth = _between(evaluated.ground_truth, begin, end)
+    moved_by = _between(evaluated.estimate, begin, end)
+    if alignment is not None and (gauge != "sim3" or known.re_translation_rmse is not None):
+        difference = alignment.scale * moved_by[:, :3, 3] - truth[:, :3, 3]
+        re_translation = np.linalg.norm(difference, axis=-1)
+    re_rotation = _angles(_rotations(truth).swapaxes(-1, -2) @ _rotations(moved_by))
+    return Errors(ate_translation, ate_rotation, re_translation, re_rotation)
+
+
+def _rotations(poses: Array) -> Array:
+    return poses[:, :3, :3]
+
+
+def _angles(rotations: Array) -> Array:
+    angles: Array = np.linalg.norm(se3.log_so3(rotations), axis=-1)
+    return angles
+
+
+def _between(poses: Array, begin: Indices, end: Indices) -> Array:
+    return se3.compose(se3.inverse(poses[begin]), poses[end])
