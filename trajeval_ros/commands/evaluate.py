@@ -8,12 +8,15 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from trajeval_ros.commands import console
 
 DESCRIPTION = """\
 Score an estimated trajectory against ground truth, from files. Reference first, estimate second.
 The figures are those of the node evaluator on the same data."""
+
+_APPLICABLE = ("clock_offset", "extrinsic", "scale")
 
 EPILOG = """\
 exit codes: 0 done; 1 the data could not be evaluated, or a file not be written; 2 wrong usage"""
@@ -44,6 +47,24 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         help="write summary.json, poses.csv and report.html to this folder",
     )
 
+    parser.add_argument(
+        "--apply",
+        metavar="WHAT",
+        type=_applicable,
+        default=(),
+        help="evaluate again with what the error model has found, of clock_offset,extrinsic,scale;"
+        " the files are those of the second evaluation",
+    )
+
+
+def _applicable(text: str) -> tuple[str, ...]:
+    """What ``--apply`` names."""
+    names = tuple(name.strip() for name in text.split(","))
+    for name in names:
+        if name not in _APPLICABLE:
+            raise argparse.ArgumentTypeError(f"{name!r} is none of {', '.join(_APPLICABLE)}")
+    return names
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
@@ -53,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def evaluate(arguments: argparse.Namespace) -> int:
     """Read, feed the engine, write, print."""
-    from trajeval_ros.commands import figures, inputs, settings
+    from trajeval_ros.commands import answers, figures, inputs, settings
     from trajeval_ros.files.output import FILES, OutputError, OutputFolder
     from trajeval_ros.report import Report
 
@@ -65,6 +86,10 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
     sources = {"ground truth": data.ground_truth.source, "estimate": data.estimate.source}
     output = arguments.output or parameters["output.directory"]
+    before: dict[str, Any] | None = None
+    if arguments.apply:
+        before, _ = scoring.score(data, parameters, Report(parameters, sources), None)
+        data, parameters = scoring.corrected(data, parameters, before, arguments.apply)
     report = Report(parameters, sources)
     failures: dict[str, str] = {}
     full = ""
@@ -88,6 +113,9 @@ def evaluate(arguments: argparse.Namespace) -> int:
             failures = error.failures or dict.fromkeys(FILES, str(error))
 
     print(f"{sources['estimate']} against {sources['ground truth']}\n")
+    lines = answers.error_model_lines(summary.get("error_model"))
+    lines += answers.applied_lines(before, summary, arguments.apply)
+    print("\n".join([*lines, ""] if lines else []))
     print("\n".join(figures.summary_lines(summary, parameters)))
     remarks = [
         f"likely cause: {cause['text']}. To try: {cause['advice']}."

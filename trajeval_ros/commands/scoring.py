@@ -6,17 +6,20 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.alignment.umeyama import Gauge
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import SECOND, Inputs
+from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.named import named
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.accounting import Reason
@@ -36,6 +39,9 @@ _NON_FINITE = str(Reason.NON_FINITE)
 # report has a point of the running absolute error a chunk, so for it there are as many as this.
 _CHUNK = 40_000_000_000
 _POINTS = 120
+# The error model asks the ground truth anew at every offset of the clocks that it tries, so the
+# whole of it is kept, some kilobytes a sample. More samples than this are not.
+_MOST_SAMPLES = 500_000
 
 
 def score(
@@ -51,9 +57,10 @@ def score(
     CommandError
         If not a single estimate could be evaluated; says why.
     """
-    engine = Engine(parameters)
-    poses = WholeRun()
     truth, estimate = data.ground_truth, data.estimate
+    whole = len(truth) <= _MOST_SAMPLES and parameters["likelihood.covariance"] != "joint"
+    engine = Engine(parameters, whole=whole)
+    poses = WholeRun()
     chunk = _CHUNK
     if folder is not None:
         chunk = min(max(int(np.ptp(estimate.stamps)) // _POINTS, SECOND), _CHUNK)
@@ -81,10 +88,60 @@ def score(
             + (f" ({reasons})" if reasons else "")
         )
     summary = poses.complete(summary, parameters["gauge"])
+    if whole:
+        lack: dict[str, Figures] = {}
+        found = shield(
+            "the error model", lambda: _models(engine, poses, parameters), lack, report.say
+        )
+        for name, model in found.items():
+            (summary if name == "run" else summary[name])["error_model"] = model
     summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
     none: list[str] = []
     places = shield("the list of rejected rows", lambda: _places(engine, data), none, report.say)
     return summary, places
+
+
+def corrected(
+    data: Inputs, parameters: Mapping[str, Any], summary: Figures, names: Sequence[str]
+) -> tuple[Inputs, dict[str, Any]]:
+    """The inputs and parameters with what the error model of ``summary`` has found set.
+
+    Raises
+    ------
+    CommandError
+        If there is no error model.
+    """
+    model = summary.get("error_model")
+    if model is None:
+        raise CommandError("--apply: no error model could be fitted")
+    values = dict(parameters)
+    estimate = data.estimate
+    if "clock_offset" in names:
+        values["estimate.time_offset"] += model["clock_offset"]["value"]
+    if "extrinsic" in names:
+        known, found = (
+            se3.from_position_quaternion(pose[:3], pose[3:])
+            for pose in (values["extrinsic"], model["extrinsic"]["pose"])
+        )
+        position, quaternion = se3.to_position_quaternion(found @ known)
+        values["extrinsic"] = [*position.tolist(), *quaternion.tolist()]
+    if "scale" in names:
+        scaled = estimate.positions * model["scale"]["value"]
+        estimate = replace(estimate, positions=scaled)
+    return replace(data, estimate=estimate), values
+
+
+def _models(engine: Engine, poses: WholeRun, parameters: Mapping[str, Any]) -> dict[str, Figures]:
+    """The error models of the ``run`` and of its ``window``, where there are enough poses."""
+    offset = round(parameters["estimate.time_offset"] * SECOND)
+    stamps, estimate = poses.trajectory
+    stamps = stamps + offset
+    last = stamps >= stamps[-1] - round(parameters["window.duration"] * SECOND)
+    found = {"run": fit(stamps, estimate, engine.truth)}
+    found["window"] = (
+        found["run"] if last.all() else fit(stamps[last], estimate[last], engine.truth)
+    )
+    return {name: named(model) for name, model in found.items() if model is not None}
 
 
 def _places(engine: Engine, data: Inputs) -> list[str]:
@@ -119,6 +176,14 @@ class WholeRun:
         """Keep the poses."""
         self._poses.append(results.evaluations)
         self._cross.extend(results.cross)
+
+    @property
+    def trajectory(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """The estimate's stamps (N,), on its own clock, and its poses (N, 4, 4)."""
+        return (
+            np.concatenate([poses.stamps for poses in self._poses]),
+            np.concatenate([poses.estimate for poses in self._poses]),
+        )
 
     def complete(self, summary: Figures, gauge: Gauge) -> Figures:
         """Return the summary with the nonlinear absolute log-likelihood over all poses."""

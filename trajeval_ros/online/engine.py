@@ -12,12 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.online.parameters import ONE, ParameterError, Value, complete, table
 from trajeval_ros.online.reference import Reference
 from trajeval_ros.online.results import Health, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import Settings, settings_of
 from trajeval_ros.online.track import Track
+
+Stamps = npt.NDArray[np.int64]
 
 
 class Engine:
@@ -28,12 +34,15 @@ class Engine:
     is one.
     """
 
-    def __init__(self, parameters: Mapping[str, object], names: Sequence[str] = ONE) -> None:
+    def __init__(
+        self, parameters: Mapping[str, object], names: Sequence[str] = ONE, whole: bool = False
+    ) -> None:
         """Take the parameters, of which those that are missing have their defaults.
 
-        ``names``: of the estimates. Raises
-        :class:`~trajeval_ros.online.parameters.ParameterError`.
+        ``names``: of the estimates. ``whole``: keep all ground truth, so that `truth` answers
+        at any time of a run. Raises :class:`~trajeval_ros.online.parameters.ParameterError`.
         """
+        self._whole = whole
         self._values = complete(parameters, names)
         self._names = tuple(names)
         self._settings = settings_of(self._values, self._names)
@@ -129,8 +138,12 @@ class Engine:
         """
         begins = [track.begin for track in self._tracks.values()]
         known = [begin for begin in begins if begin is not None]
-        if len(known) == len(begins):
+        if len(known) == len(begins) and not self._whole:
             self._reference.ground_truth.forget(min(known))
+
+    def truth(self, stamps: Stamps, name: str | None = None) -> Truth:
+        """The ground truth at ``stamps`` (n,), on its own clock, as an estimate is answered."""
+        return self._track(name).truth(stamps)
 
     def notices(self, name: str | None = None) -> tuple[Notice, ...]:
         """Return what there is to say of an estimate's run, at most one notice a code.

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN
+from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.ground_truth.joint import JointCovariance
 from trajeval_ros.likelihood.gaussian import CovarianceError, positive_definite
 from trajeval_ros.online.accounting import Reason
@@ -229,6 +230,28 @@ class Track:
         complete = np.searchsorted(samples, stamps + self._timing.lag)
         latest = np.searchsorted(samples, stamps + self._timing.patience, side="right") - 1
         return np.asarray(samples[np.minimum(complete, latest)])
+
+    def truth(self, stamps: Stamps) -> Truth:
+        """The ground truth at ``stamps`` (n,), increasing, as a pose there is answered."""
+        samples, count = self._ground_truth.stamps, len(stamps)
+        valid = np.zeros(count, dtype=np.bool_)
+        poses, covariances = np.zeros((count, 4, 4)), np.zeros((count, 6, 6))
+        twists = np.zeros((count, 6))
+        if self._reference.is_ready:
+            after = np.searchsorted(samples, stamps)
+            before = np.searchsorted(samples, stamps, side="right") - 1
+            to_next = samples[np.minimum(after, len(samples) - 1)] - stamps
+            to_last = stamps - samples[np.maximum(before, 0)]
+            valid = (after < len(samples)) & (before >= 0) & (to_next <= self._timing.patience)
+            valid &= np.minimum(to_next, to_last) <= self._timing.max_gap
+            if self._ground_truth.begin is not None:
+                valid &= stamps >= self._ground_truth.begin
+        if valid.any():
+            asked, until = stamps[valid], self._until(stamps[valid])
+            posterior = self._ground_truth.posterior(asked, until)
+            poses[valid], covariances[valid] = posterior.poses, posterior.covariances
+            twists[valid], _ = self._ground_truth.twist(asked, until)
+        return Truth(poses, covariances, twists, valid)
 
     def _judge(self, stamps: Stamps) -> Mask:
         """Which estimates can be scored, (n,); count the others."""

@@ -1,0 +1,253 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the error model's standard deviations hold: ``python -m performance.error_model``.
+
+Estimates are drawn on the posteriors of real ground truths, with known parameters and nuisances,
+and fitted; and known nuisances are put into real estimates, whose fit must change by just them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.error_model.fit import ErrorModel, fit
+from trajeval_ros.error_model.nuisances import NAMES, Ask, Nuisances
+from trajeval_ros.error_model.process import GROUPS, Kind, steps
+from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.files.tum import read_tum
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.samples import PoseSamples
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+SECOND = 1_000_000_000
+PAIRS = (
+    ("tum_fr1_xyz", "rgbdslam"),
+    ("tum_fr2_desk", "orb"),
+    ("euroc_v102", "estimate"),
+    ("euroc_mh04", "pl_vio"),
+    ("euroc_mh04", "vins_mono"),
+    ("kitti_00", "orb"),
+    ("kitti_00", "sptam"),
+)
+
+
+def samples(trajectory: Trajectory) -> PoseSamples:
+    """As the engine takes them."""
+    return PoseSamples(
+        trajectory.stamps, trajectory.positions, trajectory.quaternions, trajectory.covariances
+    )
+
+
+def ground_truth(path: Path) -> Engine:
+    """An engine that holds all of a ground truth."""
+    engine = Engine({}, whole=True)
+    engine.add_ground_truth(samples(read_tum(path)))
+    engine.finish()
+    return engine
+
+
+def estimate(path: Path) -> tuple[Stamps, Array]:
+    """Stamps, increasing, and poses."""
+    trajectory = read_tum(path)
+    later = np.concatenate([[True], np.diff(trajectory.stamps) > 0])
+    poses = se3.from_position_quaternion(trajectory.positions, trajectory.quaternions)
+    return trajectory.stamps[later], poses[later]
+
+
+def vector(nuisances: Nuisances) -> Array:
+    """(9,), in the order of `NAMES`."""
+    return np.array(
+        [
+            nuisances.clock_offset,
+            nuisances.clock_rate,
+            *se3.log(nuisances.extrinsic),
+            np.log(nuisances.scale),
+        ]
+    )
+
+
+def drawn(
+    rng: np.random.Generator, kind: Kind, parameters: Array, times: Array, position: Array
+) -> Array:
+    """Errors of a process and of jitter, in the world's axes; (N, 6)."""
+    groups = [steps(kind, each, np.diff(times)) for each in parameters]
+    k = kind.components
+    state = np.zeros((k, 2, 3))
+    for g, group in enumerate(groups):
+        if group.prior[-1, -1] > 0.0:
+            state[-1, g] = rng.normal(size=3) / np.sqrt(group.prior[-1, -1])
+    found = np.zeros((len(times), 6))
+    found[0] = state[0].ravel()
+    for i in range(len(times) - 1):
+        old = state.copy()
+        for g, group in enumerate(groups):
+            root = np.linalg.cholesky(group.noise[i])
+            state[:, g] = group.transition[i] @ old[:, g] + root @ rng.normal(size=(k, 3))
+        if kind is not Kind.WANDER:
+            state[0, 0] -= np.cross(position[i + 1] - position[i], old[0, 1])
+        found[i + 1] = state[0].ravel()
+    return found + rng.normal(size=found.shape) * np.repeat(np.exp(parameters[:, 0]), 3)
+
+
+def simulated(
+    rng: np.random.Generator, engine: Engine, span: tuple[int, int]
+) -> tuple[Stamps, Array, Kind, Array, Nuisances]:
+    """An estimate, and what it was drawn with."""
+    rate = rng.choice([5.0, 10.0, 20.0, 50.0])
+    count = int(rng.integers(300, 700))
+    duration = min(count / rate, (span[1] - span[0]) * 1e-9 - 4.0)
+    start = span[0] + 2 * SECOND
+    start += int(rng.uniform(0.0, 1.0) * ((span[1] - start) - duration * SECOND - 2 * SECOND))
+    stamps = start + np.rint(np.arange(int(duration * rate)) / rate * SECOND).astype(np.int64)
+    kind = list(Kind)[rng.integers(3)]
+    jitter = np.exp(rng.uniform(np.log(5e-4), np.log(5e-3), 2)) * [1.0, 0.5]
+    drift = np.exp(rng.uniform(np.log(5e-3), np.log(5e-2), 2)) * [1.0, 0.2]
+    time = rng.uniform(0.4, 1.5, 2)
+    rows = {
+        Kind.DRIFT: [jitter, drift],
+        Kind.VELOCITY: [jitter, 0.3 * drift, drift / np.sqrt(time), time],
+        Kind.WANDER: [jitter, drift * np.sqrt(time), time],
+    }[kind]
+    parameters = np.log(np.array(rows).T)
+    nuisances = Nuisances(
+        rng.uniform(-0.05, 0.05),
+        rng.uniform(-2e-4, 2e-4),
+        se3.exp(rng.uniform(-0.1, 0.1, 6)),
+        float(np.exp(rng.uniform(-0.03, 0.03))),
+    )
+    known = engine.truth(nuisances.stamps(stamps))
+    stamps = stamps[known.valid]
+    poses, covariances = known.poses[known.valid], known.covariances[known.valid]
+    noise = np.linalg.cholesky(covariances) @ rng.normal(size=(len(stamps), 6, 1))
+    poses = poses @ se3.exp(noise[..., 0])
+    error = drawn(rng, kind, parameters, stamps * 1e-9, poses[:, :3, 3])
+    poses[:, :3, :3] = se3.exp_so3(error[:, 3:]) @ poses[:, :3, :3]
+    poses[:, :3, 3] += error[:, :3]
+    poses = se3.compose(poses, nuisances.extrinsic)
+    poses[:, :3, 3] /= nuisances.scale
+    return stamps, poses, kind, parameters, nuisances
+
+
+def scores(
+    found: ErrorModel, kind: Kind, parameters: Array, nuisances: Nuisances
+) -> Iterator[tuple[str, float]]:
+    """By how many standard deviations each figure is off; parameters where the process is right."""
+    off = vector(found.nuisances) - vector(nuisances)
+    off[2:8] = se3.log(found.nuisances.extrinsic @ se3.inverse(nuisances.extrinsic))
+    yield from zip(NAMES, (off / found.std).tolist(), strict=True)
+    if found.kind is kind:
+        for group, values in zip(GROUPS, np.exp(parameters), strict=True):
+            for name, value in zip(kind.names, values, strict=True):
+                figure = found.groups[group][name]
+                yield f"{group} {name}", (figure.value - value) / figure.std
+
+
+def simulations(data: Path, count: int, seed: int) -> None:
+    """Print mean and standard deviation of every figure's score, and the coverage."""
+    names = ("euroc_mh04", "euroc_v102", "tum_fr1_xyz", "tum_vi_room1")
+    engines = {name: ground_truth(data / name / "groundtruth.txt") for name in names}
+    known: dict[str, list[float]] = {}
+    right = 0
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        name = names[number % len(names)]
+        stamps = read_tum(data / name / "groundtruth.txt").stamps
+        span = int(stamps[0]), int(stamps[-1])
+        drawn_stamps, poses, kind, parameters, nuisances = simulated(rng, engines[name], span)
+        found = fit(drawn_stamps, poses, engines[name].truth)
+        if found is None:
+            print(f"{number}: no fit")
+            continue
+        right += found.kind is kind
+        for figure, score in scores(found, kind, parameters, nuisances):
+            known.setdefault(figure, []).append(score)
+        worst = max(scores(found, kind, parameters, nuisances), key=lambda s: abs(s[1]))
+        print(
+            f"{number} {name} {kind} as {found.kind}: worst {worst[0]} {worst[1]:.1f}", flush=True
+        )
+    print(f"\n{count} simulations, the right process in {right}")
+    for figure, values in known.items():
+        each = np.array(values)
+        inside = float((np.abs(each) < 1.96).mean())
+        print(
+            f"{figure:28} n {len(each):4}  mean {each.mean():+.2f}  std {each.std():.2f}"
+            f"  within 1.96: {100 * inside:.0f} %"
+        )
+
+
+def injections() -> Iterator[Nuisances]:
+    """What is put in."""
+    none = np.eye(4)
+    for offset in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.2):
+        yield Nuisances(offset, 0.0, none, 1.0)
+        yield Nuisances(-offset, 0.0, none, 1.0)
+    axis = np.array([0.6, -0.48, 0.64])
+    for arm in (0.01, 0.03, 0.1, 0.3):
+        yield Nuisances(0.0, 0.0, se3.exp(np.concatenate([arm * axis, np.zeros(3)])), 1.0)
+    for turn in np.radians([0.5, 1.0, 5.0, 90.0]):
+        yield Nuisances(0.0, 0.0, se3.exp(np.concatenate([np.zeros(3), turn * axis])), 1.0)
+    for scale in (0.98, 1.02, 1.1):
+        yield Nuisances(0.0, 0.0, none, scale)
+    for rate in (5e-5, 2e-4, 1e-3):
+        yield Nuisances(0.0, rate, none, 1.0)
+
+
+def put_in(stamps: Stamps, poses: Array, nuisances: Nuisances) -> tuple[Stamps, Array]:
+    """An estimate that needs these corrections besides its own."""
+    middle = (int(stamps[0]) + int(stamps[-1])) // 2
+    shift = nuisances.clock_offset * 1e9 + nuisances.clock_rate * (stamps - middle)
+    changed = poses.copy()
+    changed = se3.compose(changed, nuisances.extrinsic)
+    changed[:, :3, 3] /= nuisances.scale
+    return stamps - np.rint(shift).astype(np.int64), changed
+
+
+def injected(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
+    """Print by how many standard deviations each fit's change is off what was put in."""
+    for dataset, name in pairs:
+        ask: Ask = ground_truth(data / dataset / "groundtruth.txt").truth
+        stamps, poses = estimate(data / dataset / f"{name}.txt")
+        before = fit(stamps, poses, ask)
+        if before is None:
+            continue
+        found = []
+        for nuisances in injections():
+            after = fit(*put_in(stamps, poses, nuisances), ask)
+            if after is None:
+                continue
+            # The injected body frame is applied after the estimate's own.
+            back = se3.inverse(nuisances.extrinsic) @ se3.inverse(before.nuisances.extrinsic)
+            off = vector(after.nuisances) - vector(before.nuisances) - vector(nuisances)
+            off[2:8] = se3.log(after.nuisances.extrinsic @ back)
+            scale = np.maximum(after.std, before.std)
+            found.append(np.abs(off / scale).max())
+            print(f"  {vector(nuisances).round(4).tolist()} worst {found[-1]:.2f}", flush=True)
+        share = float((np.array(found) < 2.5).mean())
+        print(
+            f"{dataset} {name}: {len(found)} injections, {100 * share:.0f} % within 2.5", flush=True
+        )
+
+
+def main() -> None:
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, help="the folder of recordings")
+    parser.add_argument("--simulations", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--injections", type=int, default=len(PAIRS), help="pairs to inject into")
+    arguments = parser.parse_args()
+    if arguments.simulations:
+        simulations(arguments.data, arguments.simulations, arguments.seed)
+    injected(arguments.data, PAIRS[: arguments.injections])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What was put into a simulated estimate comes out, with standard deviations that hold."""
+
+import numpy as np
+import pytest
+from twins import error_model_twin as twin
+from twins.runs import motion
+
+from trajeval_ros import se3
+from trajeval_ros.error_model.fit import ENOUGH, fit
+from trajeval_ros.error_model.named import named
+from trajeval_ros.error_model.nuisances import NAMES, Nuisances, Truth
+from trajeval_ros.error_model.process import GROUPS, Kind
+
+DRIFT = np.log([[1e-3, 1e-2], [1e-3, 2e-3]])
+WANDER = np.log([[1e-3, 2e-2, 1.0], [1e-3, 1e-2, 1.0]])
+VELOCITY = np.log([[1e-3, 3e-3, 4e-2, 0.7], [1e-3, 1e-3, 1e-2, 0.7]])
+
+
+def ask(stamps, path=motion):
+    """A ground truth that is known to half a millimetre and a milliradian."""
+    seconds, step = np.asarray(stamps) * 1e-9, 1e-4
+    poses = path(seconds)
+    twists = se3.log(se3.inverse(path(seconds - step)) @ path(seconds + step)) / (2 * step)
+    std = np.repeat([5e-4, 1e-3], 3)
+    covariances = np.tile(np.diag(std**2), (len(seconds), 1, 1))
+    return Truth(poses, covariances, twists, np.ones(len(seconds), dtype=np.bool_))
+
+
+def estimate(kind, parameters, nuisances=None, seed=0, count=400, rate=20.0, path=motion):
+    """An estimate that errs as the model says, and the stamps that it is given."""
+    rng = np.random.default_rng(seed)
+    stamps = np.rint(np.arange(count) / rate * 1e9).astype(np.int64) + 10**9
+    nuisances = nuisances or Nuisances.none()
+    known = ask(nuisances.stamps(stamps), path)
+    truth = known.poses @ se3.exp(rng.normal(size=(count, 6)) * np.repeat([5e-4, 1e-3], 3))
+    error = twin.draw(rng, kind, parameters, stamps * 1e-9, truth[:, :3, :3], known.poses[:, :3, 3])
+    poses = twin.erring(truth, error)
+    poses = se3.compose(poses, nuisances.extrinsic)
+    poses[:, :3, 3] /= nuisances.scale
+    return stamps, poses
+
+
+def nuisance_scores(found, nuisances):
+    """By how many standard deviations each is off, (9,)."""
+    off = [
+        found.nuisances.clock_offset - nuisances.clock_offset,
+        found.nuisances.clock_rate - nuisances.clock_rate,
+        *se3.log(found.nuisances.extrinsic @ se3.inverse(nuisances.extrinsic)),
+        np.log(found.nuisances.scale / nuisances.scale),
+    ]
+    return np.array(off) / found.std
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"),
+    [(Kind.DRIFT, DRIFT), (Kind.VELOCITY, VELOCITY), (Kind.WANDER, WANDER)],
+)
+def test_parameters_and_nuisances_come_out(kind, parameters):
+    nuisances = Nuisances(0.03, 2e-4, se3.exp(np.array([0.1, -0.05, 0.02, 0.05, 0.0, -0.1])), 1.02)
+    found = fit(*estimate(kind, parameters, nuisances), ask)
+    assert found is not None
+    assert found.kind is kind
+    assert (np.abs(nuisance_scores(found, nuisances)) < 4.0).all()
+    for group, values in zip(GROUPS, np.exp(parameters), strict=True):
+        for name, value in zip(kind.names, values, strict=True):
+            figure = found.groups[group][name]
+            assert abs(figure.value - value) < 4.0 * figure.std, (group, name)
+    assert found.chi2_per_dof == pytest.approx(1.0, abs=0.1)
+    assert np.abs(found.whiteness).max() < 0.15
+
+
+def test_nothing_is_found_where_nothing_is():
+    scores = [
+        nuisance_scores(fit(*estimate(Kind.DRIFT, DRIFT, seed=s), ask), Nuisances.none())
+        for s in range(5)
+    ]
+    assert (np.abs(scores) < 4.0).all()
+    assert 0.6 < np.std(scores) < 1.4
+
+
+@pytest.mark.parametrize(
+    "nuisances",
+    [
+        Nuisances(0.6, 0.0, np.eye(4), 1.0),
+        Nuisances(0.0, 0.0, se3.exp(np.array([0.3, 0.0, 0.0, 0.0, np.pi / 2, 0.0])), 1.0),
+        Nuisances(0.0, 0.0, np.eye(4), 1000.0),
+    ],
+    ids=["clock", "mounting", "millimetres"],
+)
+def test_large_ones_are_found(nuisances):
+    found = fit(*estimate(Kind.DRIFT, DRIFT, nuisances), ask)
+    assert (np.abs(nuisance_scores(found, nuisances)) < 4.5).all()
+
+
+def test_what_the_motion_does_not_show_is_named():
+    def straight(seconds):
+        poses = np.tile(np.eye(4), (len(seconds), 1, 1))
+        poses[:, 0, 3] = 2.0 * seconds
+        return poses
+
+    stamps, poses = estimate(Kind.DRIFT, DRIFT, path=straight)
+    found = fit(stamps, poses, lambda stamps: ask(stamps, straight))
+    names = {name for each in found.unobserved for name in each.names}
+    assert {"clock_offset", "x", "y", "z"} <= names
+    assert not {"scale"} & names
+    assert len(found.std) == len(NAMES)
+
+
+def test_a_jump_is_named_and_does_not_rule_the_fit():
+    stamps, poses = estimate(Kind.DRIFT, DRIFT)
+    shift = np.eye(4)
+    shift[:3, 3] = [0.5, -0.3, 0.0]
+    poses[250:] = shift @ poses[250:]
+    found = fit(stamps, poses, ask)
+    assert [jump.stamp for jump in found.jumps] == [stamps[250]]
+    assert found.jumps[0].translation == pytest.approx(np.hypot(0.5, 0.3), abs=0.02)
+    drift = found.groups["translation"]["drift_std"]
+    assert abs(drift.value - 1e-2) < 4.0 * drift.std
+
+
+def test_too_few_poses_and_no_ground_truth_have_no_model():
+    stamps, poses = estimate(Kind.DRIFT, DRIFT, count=ENOUGH - 1)
+    assert fit(stamps, poses, ask) is None
+    stamps, poses = estimate(Kind.DRIFT, DRIFT, count=ENOUGH + 1)
+    nothing = Truth(
+        np.zeros((41, 4, 4)), np.zeros((41, 6, 6)), np.zeros((41, 6)), np.zeros(41, bool)
+    )
+    assert fit(stamps, poses, lambda stamps: nothing) is None
+
+
+def test_names_are_those_of_the_summary():
+    summary = named(fit(*estimate(Kind.DRIFT, DRIFT, count=100), ask))
+    assert summary["model"] == "drift"
+    for group in GROUPS:
+        assert {"jitter_std", "drift_std", "long_run_drift"} <= set(summary[group])
+    assert set(summary["clock_offset"]) == {"value", "std"}
+    assert len(summary["extrinsic"]["translation"]["value"]) == 3

@@ -1,0 +1,140 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The error model in words: how good the estimate is, and what is not its fault."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+Figures = Mapping[str, Any]
+
+# Of what is not the estimator's fault, what lies beyond so many standard deviations is named.
+_SIGMAS = 4.0
+# Autocorrelations beyond this say that the model does not hold.
+_WHITE = 0.2
+
+
+def _number(value: float, std: float | None, factor: float = 1.0) -> str:
+    """A figure with its standard deviation, to two digits of the latter."""
+    value *= factor
+    if std is None:
+        return f"{value:.2g}"
+    std *= factor
+    if not std > 0.0:
+        return f"{value:.3g}"
+    digits = min(max(1 - math.floor(math.log10(std)), 0), 9)
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def _length(figure: Figures, unit: str = "") -> str:
+    value, std = figure["value"], figure["std"]
+    if max(abs(value), std or 0.0) < 0.5:
+        return f"{_number(value, std, 1e3)} mm{unit}"
+    return f"{_number(value, std)} m{unit}"
+
+
+def _angle(figure: Figures, unit: str = "") -> str:
+    return f"{_number(figure['value'], figure['std'], math.degrees(1.0))} deg{unit}"
+
+
+def error_model_lines(model: Figures | None) -> list[str]:
+    """Return the first lines of a result; none where nothing was fitted."""
+    if model is None:
+        return []
+    return [
+        f"Error         {_kind(model)}",
+        f"Not its fault {_faults(model)}",
+        *_doubts(model),
+    ]
+
+
+def _kind(model: Figures) -> str:
+    translation, rotation = model["translation"], model["rotation"]
+    jitter = f"jitter {_length(translation['jitter_std'])}, {_angle(rotation['jitter_std'])}"
+    if model["model"] == "wander":
+        parts = f"wander {_length(translation['wander_std'])} over"
+        parts += f" {_number(**translation['wander_time'])} s, {_angle(rotation['wander_std'])}"
+        parts += f" over {_number(**rotation['wander_time'])} s"
+    else:
+        parts = f"drift {_length(translation['long_run_drift'], '/√s')},"
+        parts += f" {_angle(rotation['long_run_drift'], '/√s')}"
+        if "velocity_std" in translation:
+            parts += f" (velocity error {_length(translation['velocity_std'], '/s')} over"
+            parts += f" {_number(**translation['velocity_time'])} s)"
+    return f"{jitter}; {parts}"
+
+
+def _faults(model: Figures) -> str:
+    """What is there beyond doubt, and within what there is none of the rest."""
+    found, none = [], []
+
+    def sort(name: str, value: float, std: float, shown: str, limit: str) -> None:
+        if abs(value) > _SIGMAS * std:
+            found.append(f"{name} {shown}")
+        else:
+            none.append(f"{name} {limit}")
+
+    clock, scale = model["clock_offset"], model["scale"]
+    shown = f"{_number(clock['value'], clock['std'], 1e3)} ms"
+    sort("clock", clock["value"], clock["std"], shown, shown)
+    rate = model["clock_rate"]
+    shown = f"{_number(rate['value'], rate['std'], 1e6)} ppm"
+    sort("clock rate", rate["value"], rate["std"], shown, shown)
+    for name, key, show in (
+        ("lever arm", "translation", _length),
+        ("mounting", "rotation", _angle),
+    ):
+        vector = model["extrinsic"][key]
+        size = math.hypot(*vector["value"])
+        std = max(vector["std"])
+        beyond = max(abs(v) / s for v, s in zip(vector["value"], vector["std"], strict=True))
+        text = show({"value": size, "std": std})
+        sort(name, beyond, 1.0, text, text)
+    shown = _number(**scale)
+    sort("scale", scale["value"] - 1.0, scale["std"], shown, shown)
+    gain = model["nats_per_pose"] - model["nats_per_pose_uncorrected"]
+    if not found:
+        return f"nothing beyond doubt ({', '.join(none)})"
+    rest = f"; nothing beyond doubt in {', '.join(none)}" if none else ""
+    return f"{', '.join(found)}: {gain:.3g} nats a pose{rest}"
+
+
+def _doubts(model: Figures) -> list[str]:
+    lines = []
+    for each in model["unobserved"]:
+        lines.append(f"Not observed  {', '.join(each['of'])}: the motion does not show it")
+    jumps = model["jumps"]
+    if jumps:
+        largest = max(jumps, key=lambda jump: jump["translation"])
+        lines.append(
+            f"Jumps         {len(jumps)}, the largest {1e3 * largest['translation']:.3g} mm,"
+            f" {math.degrees(largest['rotation']):.2g} deg at {largest['stamp'] * 1e-9:.3f} s"
+        )
+    worst = max(abs(lag) for part in model["whiteness"].values() for lag in part)
+    if worst > _WHITE:
+        lines.append(
+            "Doubt         errors are correlated beyond the model"
+            f" (by {worst:.2f}): the ± are too small"
+        )
+    return lines
+
+
+def applied_lines(before: Figures | None, after: Figures, names: tuple[str, ...]) -> list[str]:
+    """What an evaluation with corrections changed; none without any."""
+    if before is None:
+        return []
+    changes = []
+    for name, part, factor, unit in (
+        ("ATE", "translation", 1.0, "m"),
+        ("ATE", "rotation", math.degrees(1.0), "deg"),
+        ("RE", "translation", 1.0, "m"),
+        ("RE", "rotation", math.degrees(1.0), "deg"),
+    ):
+        key = f"{name.lower()}_{part}_rmse"
+        errors = [each["conventional"].get(key) for each in (before, after)]
+        if None not in errors:
+            old, new = (factor * error for error in errors)
+            changes.append(f"{name} {old:.4g} to {new:.4g} {unit}")
+    return [f"Applied       {', '.join(names)}: {', '.join(changes)}"]

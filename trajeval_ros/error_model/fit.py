@@ -1,0 +1,385 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The error model of an estimate: how good it is, and what is not its fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.error_model.likelihood import Data, Likelihood
+from trajeval_ros.error_model.maximum import (
+    JUMP,
+    Maximum,
+    at,
+    maximum,
+    rough,
+    uncertainty,
+    upper_limit,
+)
+from trajeval_ros.error_model.nuisances import (
+    NAMES,
+    OBSERVED_STD,
+    Ask,
+    Nuisances,
+    Truth,
+    prepare,
+)
+from trajeval_ros.error_model.process import GROUPS, Kind
+from trajeval_ros.error_model.start import start
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+ENOUGH = 40
+"""Poses below which there is no fit: of nine nuisances and the world's six freedoms."""
+
+_ITERATIONS = 8
+_SEARCH = 20
+_FINISH = 8
+_STRETCH = 800
+# A step of less than this share of its standard deviation is the last.
+_CONVERGED = 0.05
+# Where a Gauss-Newton step is longer (s), it is cut: the ground truth bends.
+_LONGEST_STEP = 0.1
+# A process with more parameters has to gain so many nats a parameter more (Akaike).
+_PENALTY = 1.0
+_LAGS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure with its standard deviation."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """A move that no drift explains. stamp: ns, of the pose after it; sizes in m and rad."""
+
+    stamp: int
+    translation: float
+    rotation: float
+
+
+@dataclass(frozen=True, slots=True)
+class Unobserved:
+    """A direction of the nuisances that the motion does not show.
+
+    direction: (9,), in the order of `NAMES`, s, 1, m, rad and 1, one standard deviation long.
+    """
+
+    direction: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The nuisances that take part, the strongest first."""
+        share = np.abs(self.direction) / OBSERVED_STD
+        order = np.argsort(-share)
+        return tuple(NAMES[i] for i in order if share[i] > 0.3 * share.max())
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorModel:
+    """What is fitted.
+
+    kind: the likeliest process. groups: its parameters, of translation (m) and rotation (rad).
+    nuisances, covariance: (9, 9), in the order of `NAMES`; extrinsic as a step from the left.
+    log_likelihood: of the errors at the fitted parameters and nuisances, nats, up to the
+    alignment, of ``poses`` poses; uncorrected: with no nuisance at all, at the same parameters.
+    chi2_per_dof, whiteness: of the innovations; the autocorrelations (2, lags), from lag 1 on.
+    alternatives: nats a pose of each process.
+    """
+
+    kind: Kind
+    groups: dict[str, dict[str, Figure]]
+    nuisances: Nuisances
+    covariance: Array
+    unobserved: tuple[Unobserved, ...]
+    poses: int
+    log_likelihood: float
+    uncorrected: float
+    chi2_per_dof: float
+    whiteness: Array
+    jumps: tuple[Jump, ...]
+    alternatives: dict[Kind, float]
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the nuisances, (9,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def nats_per_pose(self) -> float:
+        """``log_likelihood`` a pose."""
+        return self.log_likelihood / self.poses
+
+
+def fit(stamps: Stamps, estimate: Array, ask: Ask) -> ErrorModel | None:
+    """Fit the error model.
+
+    stamps: (N,) ns, increasing, on the estimate's clock. estimate: (N, 4, 4). ask: the ground truth
+    at given stamps; it is asked anew at every clock offset tried. None with fewer than `ENOUGH`
+    poses, or where the likelihood has no maximum (errors of exactly nothing).
+    """
+    try:
+        return _fit(stamps, estimate, ask)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _fit(stamps: Stamps, estimate: Array, ask: Ask) -> ErrorModel | None:
+    if len(stamps) < ENOUGH:
+        return None
+    problem = _Problem(stamps, estimate, ask)
+    nuisances = start(stamps, estimate, ask)
+    if not problem.enough(nuisances):
+        nuisances = Nuisances.none()
+        if not problem.enough(nuisances):
+            return None
+    nuisances, found = problem.first(nuisances)
+    nuisances, found = problem.improve(nuisances, found, _ITERATIONS)
+    candidates = _candidates(found)
+    best = max(candidates, key=_score)
+    nuisances, best = problem.improve(nuisances, best, _ITERATIONS)
+    best = maximum(best.kind, best.parameters, best.data, best.gauge, _FINISH)
+    nuisances, best = problem.improve(nuisances, best, 1)
+    alternatives = {c.kind: c.likelihood.at_theta / len(c.data.times) for c in candidates}
+    alternatives[best.kind] = best.likelihood.at_theta / len(best.data.times)
+    return _described(problem.kept(nuisances), nuisances, best, alternatives)
+
+
+def _candidates(drift: Maximum) -> list[Maximum]:
+    """The three processes, each at its maximum.
+
+    In a long run, a stretch tells where the search begins, since each step of it takes time.
+    """
+    part = _stretch(drift)
+    long = len(part.data.times) < len(drift.data.times)
+    found = []
+    for kind in Kind:
+        first = part.parameters if kind is Kind.DRIFT else _first(kind, part)
+        each = maximum(kind, first, part.data, part.gauge, _SEARCH, 2)
+        if long:
+            each = maximum(kind, each.parameters, drift.data, drift.gauge, _FINISH, 1)
+        found.append(each)
+    return found
+
+
+def _stretch(found: Maximum) -> Maximum:
+    """The middle of a run, as it is or so many poses of it."""
+    count = len(found.data.times)
+    if count <= _STRETCH:
+        return found
+    begin = (count - _STRETCH) // 2
+    poses, moves = slice(begin, begin + _STRETCH), slice(begin, begin + _STRETCH - 1)
+    data = found.data
+    part = Data(
+        data.times[poses],
+        data.errors[poses],
+        data.covariance[poses],
+        data.travel[moves],
+        data.nuisances[poses],
+        data.precision,
+        data.measured[poses],
+        data.moved[moves],
+    )
+    return at(found.kind, found.parameters, part, found.gauge[poses])
+
+
+def _score(found: Maximum) -> float:
+    """The restricted log-likelihood, less what more parameters gain by chance."""
+    return found.likelihood.value - _PENALTY * found.parameters.size
+
+
+def _first(kind: Kind, drift: Maximum) -> Array:
+    """The likeliest of a few starts."""
+    span = float(drift.data.times[-1] - drift.data.times[0])
+    known = drift.parameters
+    interval = float(np.median(np.diff(drift.data.times)))
+    starts = []
+    for time in (0.5, 5.0, 50.0) if kind is Kind.WANDER else (0.5,):
+        if time > max(span, 0.5):
+            continue
+        begin = rough(kind, drift.data, max(time, 2.0 * interval))
+        begin[:, 0] = known[:, 0]
+        if kind is Kind.WANDER:
+            begin[:, 1] = known[:, 1] + 0.5 * np.log(0.5 * time)
+        else:
+            begin[:, 1] = known[:, 1] - np.log(4.0)
+            begin[:, 2] = known[:, 1] + 0.5 * np.log(0.5 / np.exp(begin[:, 3]))
+        starts.append(begin)
+    return max(starts, key=lambda s: Likelihood(kind, s, drift.data, drift.gauge).value)
+
+
+class _Problem:
+    """The estimate, and the ground truth to ask; the owner of its latest answer."""
+
+    def __init__(self, stamps: Stamps, estimate: Array, ask: Ask) -> None:
+        self._stamps, self._estimate, self._ask_anew = stamps, estimate, ask
+        self._asked: tuple[float, float] | None = None
+
+    def _ask(self, nuisances: Nuisances) -> Truth:
+        """The ground truth, at the clock offset and rate given."""
+        clock = nuisances.clock_offset, nuisances.clock_rate
+        if self._asked != clock:
+            self._answer = self._ask_anew(nuisances.stamps(self._stamps))
+            self._asked = clock
+        return self._answer
+
+    def enough(self, nuisances: Nuisances) -> bool:
+        """Whether enough poses have a ground truth."""
+        return int(self._ask(nuisances).valid.sum()) >= ENOUGH
+
+    def kept(self, nuisances: Nuisances) -> Stamps:
+        """The stamps that have one."""
+        return self._stamps[self._ask(nuisances).valid]
+
+    def first(self, nuisances: Nuisances) -> tuple[Nuisances, Maximum]:
+        """The drift at the nuisances given, from nothing."""
+        data, gauge = self._prepared(nuisances)
+        found = maximum(Kind.DRIFT, rough(Kind.DRIFT, data), data, gauge, weights=1)
+        return nuisances, found
+
+    def improve(
+        self, nuisances: Nuisances, found: Maximum, iterations: int
+    ) -> tuple[Nuisances, Maximum]:
+        """Gauss-Newton on the nuisances, the ground truth asked anew at each step.
+
+        The parameters are those of ``found``, fitted anew where a step has changed the errors by
+        much. Returns the nuisances and what is found there, whose θ is what is left of a step.
+        """
+        for _ in range(iterations):
+            std = np.sqrt(np.diag(found.likelihood.theta_covariance))[: len(NAMES)]
+            step = found.likelihood.theta[: len(NAMES)]
+            if (np.abs(step) < _CONVERGED * std).all():
+                break
+            step = step * min(1.0, _LONGEST_STEP / max(abs(float(step[0])), 1e-12))
+            proposed = nuisances.moved(step)
+            if not self.enough(proposed):
+                break
+            nuisances = proposed
+            data, gauge = self._prepared(nuisances)
+            same = len(found.data.times) == len(data.times)
+            if same and (np.abs(step) < 3.0 * std).all():
+                data = replace(data, measured=found.data.measured, moved=found.data.moved)
+                found = at(found.kind, found.parameters, data, gauge)
+            else:
+                found = maximum(found.kind, found.parameters, data, gauge, _FINISH, 1)
+        return nuisances, found
+
+    def _prepared(self, nuisances: Nuisances) -> tuple[Data, Array]:
+        reference = self._ask(nuisances)
+        good = reference.valid
+        kept = Truth(
+            reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
+        )
+        return prepare(self._stamps[good], self._estimate[good], kept, nuisances)
+
+
+def _described(
+    stamps: Stamps, nuisances: Nuisances, found: Maximum, alternatives: dict[Kind, float]
+) -> ErrorModel:
+    here = found.likelihood
+    count = len(NAMES)
+    nuisances = nuisances.moved(here.theta[:count])
+    covariance = here.theta_covariance[:count, :count]
+    white = here.innovations()
+    autocorrelation = np.array(
+        [
+            [
+                float((part[lag:] * part[:-lag]).sum() / (part**2).sum())
+                for lag in range(1, _LAGS + 1)
+            ]
+            for part in (white[:, :3], white[:, 3:])
+        ]
+    )
+    theta = np.concatenate([nuisances_vector(nuisances), np.zeros(len(here.theta) - count)])
+    seen = np.linalg.inv(here.theta_covariance)
+    return ErrorModel(
+        found.kind,
+        _groups(found),
+        nuisances,
+        covariance,
+        _unobserved(covariance),
+        here.count,
+        here.at_theta,
+        here.at_theta - 0.5 * float(theta @ seen @ theta),
+        float((white**2).mean()),
+        autocorrelation,
+        _jumps(stamps, here),
+        alternatives,
+    )
+
+
+def nuisances_vector(nuisances: Nuisances) -> Array:
+    """What there is to correct, (9,), in the order of `NAMES`."""
+    return np.array(
+        [
+            nuisances.clock_offset,
+            nuisances.clock_rate,
+            *se3.log(nuisances.extrinsic),
+            np.log(nuisances.scale),
+        ]
+    )
+
+
+def _groups(found: Maximum) -> dict[str, dict[str, Figure]]:
+    """Each parameter's value and standard deviation, and the long-run drift's."""
+    covariance = uncertainty(found)
+    names = found.kind.names
+    size = len(names)
+    groups: dict[str, dict[str, Figure]] = {}
+    for g, group in enumerate(GROUPS):
+        values = np.exp(found.parameters[g])
+        here = slice(g * size, (g + 1) * size)
+        own = covariance[here, here]
+        figures = {}
+        for i, name in enumerate(names):
+            std = float(values[i]) * float(own[i, i]) ** 0.5
+            if not np.isfinite(std) and not name.endswith("time"):
+                std = upper_limit(found, g, i)
+            figures[name] = Figure(float(values[i]), std)
+        if found.kind is not Kind.WANDER:
+            figures["long_run_drift"] = _long_run(values, own)
+        groups[group] = figures
+    return groups
+
+
+def _long_run(values: Array, covariance: Array) -> Figure:
+    """``sqrt(w² + 2 σ² T)``, and its standard deviation by the delta method."""
+    drift = values[1] ** 2
+    velocity = 2.0 * values[2] ** 2 * values[3] if len(values) > 2 else 0.0
+    total = float(np.sqrt(drift + velocity))
+    slope = np.zeros(len(values))
+    slope[1] = drift / total
+    if len(values) > 2:
+        slope[2], slope[3] = velocity / total, 0.5 * velocity / total
+    variance = float(slope @ np.nan_to_num(covariance) @ slope)
+    return Figure(total, float(np.sqrt(max(variance, 0.0))))
+
+
+def _unobserved(covariance: Array) -> tuple[Unobserved, ...]:
+    """The principal directions, in units of `OBSERVED_STD`, longer than one."""
+    scaled = covariance / OBSERVED_STD / OBSERVED_STD[:, None]
+    values, vectors = np.linalg.eigh(scaled)
+    return tuple(
+        Unobserved(float(value) ** 0.5 * vector * OBSERVED_STD)
+        for value, vector in zip(values[::-1], vectors.T[::-1], strict=True)
+        if value > 1.0
+    )
+
+
+def _jumps(stamps: Stamps, here: Likelihood) -> tuple[Jump, ...]:
+    _, _, square, rest = here.disturbances()
+    variance = here.own_noise() / here.data.moved + rest
+    found = np.flatnonzero((square > JUMP**2 * variance).any(axis=1))
+    sizes = np.sqrt(square)
+    return tuple(
+        Jump(int(stamps[i + 1]), float(sizes[i, 0]), float(sizes[i, 1])) for i in found.tolist()
+    )

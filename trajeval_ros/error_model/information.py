@@ -1,0 +1,84 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A block-tridiagonal information matrix: its factor, solutions, and the covariances beside it.
+
+Λ has m rows a pose; its blocks beside the diagonal join neighbouring poses. With ``Λ = L Lᵀ`` the
+blocks of ``S = Λ⁻¹`` that are where Λ has some follow backwards from the last one,
+
+    G_i = L_(i+1,i) L_ii⁻¹,   S_(i+1,i) = -S_(i+1,i+1) G_i,
+    S_ii = (L_ii L_iiᵀ)⁻¹ + G_iᵀ S_(i+1,i+1) G_i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """L of n poses with m rows each, in LAPACK's lower band storage."""
+
+    band: Array
+    size: int
+
+    @staticmethod
+    def of(diagonal: Array, below: Array) -> Factor:
+        """The factor. diagonal: (n, m, m); below: blocks (i + 1, i), (n - 1, m, m).
+
+        Raises numpy.linalg.LinAlgError where the matrix is not positive definite.
+        """
+        count, size = diagonal.shape[:2]
+        height = 2 * size
+        columns = np.zeros((count, size, height))
+        for c in range(size):
+            columns[:, c, : size - c] = diagonal[:, c:, c]
+            columns[:-1, c, size - c : height - c] = below[:, :, c]
+        factor, info = lapack.dpbtrf(columns.reshape(-1, height).T, lower=1, overwrite_ab=1)
+        if info != 0 or not np.isfinite(factor[0]).all():
+            raise np.linalg.LinAlgError("the information matrix is not positive definite")
+        return Factor(np.asarray(factor), size)
+
+    @property
+    def log_det(self) -> float:
+        """``log |Λ|``."""
+        return 2.0 * float(np.log(self.band[0]).sum())
+
+    def solve(self, columns: Array) -> Array:
+        """``Λ⁻¹ X`` of X (n, m, c)."""
+        flat = columns.reshape(-1, columns.shape[-1])
+        solution, _ = lapack.dpbtrs(self.band, flat, lower=1)
+        return np.ascontiguousarray(solution).reshape(columns.shape)
+
+    def forward(self, columns: Array) -> Array:
+        """``L⁻¹ X`` of X (n, m, c)."""
+        flat = columns.reshape(-1, columns.shape[-1])
+        solution, _ = lapack.dtbtrs(self.band, flat, uplo="L")
+        return np.ascontiguousarray(solution).reshape(columns.shape)
+
+    def blocks(self) -> tuple[Array, Array]:
+        """``L_ii`` (n, m, m) and ``L_(i+1,i)`` (n - 1, m, m)."""
+        size, height = self.size, 2 * self.size
+        columns = np.ascontiguousarray(self.band.T).reshape(-1, size, height)
+        own, below = np.zeros((len(columns), size, size)), np.zeros((len(columns), size, size))
+        for c in range(size):
+            own[:, c:, c] = columns[:, c, : size - c]
+            below[:, :, c] = columns[:, c, size - c : height - c]
+        return own, below[:-1]
+
+    def covariances(self) -> tuple[Array, Array]:
+        """``S_ii`` (n, m, m) and ``S_(i+1,i)`` (n - 1, m, m)."""
+        own, below = self.blocks()
+        inverse = np.linalg.inv(own)
+        gains = below @ inverse[:-1]
+        found = np.swapaxes(inverse, 1, 2) @ inverse
+        backwards = np.ascontiguousarray(np.swapaxes(gains, 1, 2))
+        # Each from the one after it.
+        for i in range(len(gains) - 1, -1, -1):
+            found[i] += backwards[i] @ found[i + 1] @ gains[i]
+        return found, -found[1:] @ gains

@@ -1,0 +1,254 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The restricted likelihood of an estimate's error (``docs/error_model.md``, The likelihood).
+
+With z_i the error of pose i in the world's axes, a position and a rotation vector,
+
+    z_i = x_i + K_i θ + ξ_i + n_i,   ξ_i + n_i ~ N(0, R_i),   R_i = V_i + J,
+
+x the process of `process`, the rotation of which turns what follows: x_(i+1) has the position
+``- hat(p_(i+1) - p_i) φ_i`` besides. The states s and θ are integrated out under flat priors (θ
+under a hardly informative one). Stacked with the process's own equations, Ω the covariance of
+all noise and X the design, that is one regression,
+
+    log L = -½ (log|Ω| + log|Xᵀ Ω⁻¹ X| + rᵀ Ω⁻¹ r + dof log 2π),
+
+whose information Λ of the states is block-tridiagonal. Its gradient is Fisher's identity, the
+expectation of the complete data's score, from the blocks of Λ⁻¹ on and beside the diagonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.error_model.information import Factor
+from trajeval_ros.error_model.process import Kind, steps
+
+Array = npt.NDArray[np.float64]
+
+_LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """What is fitted, of N poses.
+
+    times: (N,), s. errors: z (N, 6), m and rad, in the world's axes. covariance: V (N, 6, 6),
+    likewise. travel: ``p_(i+1) - p_i`` of the ground truth, (N - 1, 3), m.
+    nuisances: K (N, 6, c). precision: of θ's prior, (c,).
+    measured, moved: factors of the variances of each pose's jitter and of each step's process,
+    (N, 2) and (N - 1, 2), translation and rotation.
+    """
+
+    times: Array
+    errors: Array
+    covariance: Array
+    travel: Array
+    nuisances: Array
+    precision: Array
+    measured: Array
+    moved: Array
+
+
+class Likelihood:
+    """The restricted likelihood at one ψ, and what the data say there of states and nuisances."""
+
+    def __init__(self, kind: Kind, parameters: Array, data: Data, gauge: Array) -> None:
+        """Factor the information.
+
+        parameters: ψ, (2, p), of translation and rotation, as ``kind.names``. gauge: columns
+        (N, 6, 6) of the world's alignment; they are nuisances where the process is not free.
+        """
+        self.kind, self.parameters, self.data = kind, parameters, data
+        self.count, self.size = len(data.times), 6 * kind.components
+        self.columns, self.precision = data.nuisances, data.precision
+        if kind is Kind.WANDER:
+            self.columns = np.concatenate([data.nuisances, gauge], axis=2)
+            self.precision = np.concatenate([data.precision, np.zeros(gauge.shape[2])])
+        self._steps = [steps(kind, each, np.diff(data.times)) for each in parameters]
+        self._jitter = np.exp(2.0 * parameters[:, 0])
+        self.noise = data.covariance.copy()
+        diagonal = np.repeat(data.measured * self._jitter, 3, axis=1)
+        np.einsum("nii->ni", self.noise)[...] += diagonal
+        self.weight = np.linalg.inv(self.noise)
+        self.transition = self._assembled([s.transition for s in self._steps])
+        if kind is not Kind.WANDER:
+            self.transition[:, :3, 3:6] -= se3.hat(data.travel)
+        scaled = [s.noise * data.moved[:, g, None, None] for g, s in enumerate(self._steps)]
+        self.process_weight = self._assembled(
+            [np.asarray(np.linalg.inv(each), np.float64) for each in scaled]
+        )
+        self._process_log_det = 3.0 * sum(float(np.linalg.slogdet(q)[1].sum()) for q in scaled)
+        self.process_prior = self._assembled([s.prior[None] for s in self._steps])[0]
+        onwards = self.process_weight @ self.transition
+        own = np.zeros((self.count, self.size, self.size))
+        own[:, :6, :6] = self.weight
+        own[0] += self.process_prior
+        own[1:] += self.process_weight
+        own[:-1] += np.swapaxes(self.transition, 1, 2) @ onwards
+        self.factor = Factor.of(own, -onwards)
+        self._regress()
+
+    def _assembled(self, groups: list[Array]) -> Array:
+        """Blocks (n, k, k) of translation and rotation, each on three axes; (n, m, m)."""
+        k = groups[0].shape[1]
+        result = np.zeros((len(groups[0]), k, 2, 3, k, 2, 3))
+        for g, block in enumerate(groups):
+            for axis in range(3):
+                result[:, :, g, axis, :, g, axis] = block
+        return result.reshape(len(groups[0]), self.size, self.size)
+
+    def _traces(self, blocks: Array, group: int) -> Array:
+        """Blocks (n, m, m), summed over a group's three axes; (n, k, k)."""
+        k = self.kind.components
+        split = blocks.reshape(-1, k, 2, 3, k, 2, 3)[:, :, group, :, :, group]
+        return np.asarray(np.einsum("ncada->ncd", split))
+
+    def _regress(self) -> None:
+        """θ, the states, the residuals, the log-likelihood."""
+        size, columns = self.size, self.columns
+        both = np.concatenate([columns, self.data.errors[..., None]], axis=2)
+        weighted = self.weight @ both
+        right = np.zeros((self.count, size, both.shape[2]))
+        right[:, :6] = weighted
+        solved = self.factor.solve(right)
+        flat = both.shape[2]
+        normal = both.reshape(-1, flat).T @ weighted.reshape(-1, flat)
+        normal -= right.reshape(-1, flat).T @ solved.reshape(-1, flat)
+        schur = normal[:-1, :-1] + np.diag(self.precision)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(schur), 1e-300))
+        self.theta_covariance = (
+            scale[:, None] * np.linalg.inv(scale[:, None] * schur * scale) * scale
+        )
+        self.theta: Array = self.theta_covariance @ normal[:-1, -1]
+        self.state_columns = solved[..., :-1]
+        self.states = solved[..., -1] - self.state_columns @ self.theta
+        self.residual = self.data.errors - self.states[:, :6] - columns @ self.theta
+        self.moves = self.states[1:] - (self.transition @ self.states[:-1, :, None])[..., 0]
+        self.chi2 = float(normal[-1, -1] - normal[:-1, -1] @ self.theta)
+        sign, log_schur = np.linalg.slogdet(scale[:, None] * schur * scale)
+        if sign <= 0.0 or not np.isfinite(self.chi2):
+            raise np.linalg.LinAlgError("the nuisances' information is not positive definite")
+        self._schur_log_det = float(log_schur) - 2.0 * float(np.log(scale).sum())
+        prior = 3.0 * sum(s.log_prior for s in self._steps)
+        self._states_log_det = (
+            float(np.linalg.slogdet(self.noise)[1].sum())
+            + self._process_log_det
+            - prior
+            + self.factor.log_det
+        )
+        self.dof = 6 * self.count - (6 if self.kind is not Kind.WANDER else 0)
+        self.value = -0.5 * (
+            self.chi2
+            + self._states_log_det
+            + self._schur_log_det
+            + (self.dof - len(self.theta)) * _LOG_2PI
+        )
+        # At the nuisances found, the world's alignment integrated out in every process.
+        of_gauge = 0.0
+        if self.kind is Kind.WANDER:
+            gauge = schur[self.data.nuisances.shape[2] :, self.data.nuisances.shape[2] :]
+            of_gauge = float(np.linalg.slogdet(gauge)[1]) - len(gauge) * _LOG_2PI
+        self.at_theta = -0.5 * (self.chi2 + self._states_log_det + self.dof * _LOG_2PI + of_gauge)
+
+    @cached_property
+    def covariances(self) -> tuple[Array, Array, Array]:
+        """Of n_i, (N, 6, 6); of the moves w_i, and of s_i with w_i, (N - 1, m, m)."""
+        own, beside = self.factor.covariances()
+        f = self.transition
+        earlier = np.swapaxes(beside, 1, 2) - own[:-1] @ np.swapaxes(f, 1, 2)
+        moved = own[1:] - beside @ np.swapaxes(f, 1, 2) - f @ earlier
+        root = np.linalg.cholesky(self.theta_covariance)
+        columns = self.state_columns
+        seen = (self.columns - columns[:, :6]) @ root
+        noise = own[:, :6, :6] + seen @ np.swapaxes(seen, 1, 2)
+        ahead = (columns[1:] - f @ columns[:-1]) @ root
+        moved += ahead @ np.swapaxes(ahead, 1, 2)
+        earlier += (columns[:-1] @ root) @ np.swapaxes(ahead, 1, 2)
+        self._first = own[0] + (columns[0] @ root) @ (columns[0] @ root).T
+        return noise, moved, earlier
+
+    def gradient(self) -> Array:
+        """``∂ log L / ∂ψ``, (2, p)."""
+        noise, moved, earlier = self.covariances
+        found: Array = np.zeros((2, len(self.kind.names)))
+        second = self.residual[..., None] * self.residual[:, None] + noise
+        seen = self.weight @ second @ self.weight - self.weight
+        diagonal = np.einsum("nii->ni", seen).reshape(-1, 2, 3).sum(axis=2)
+        found[:, 0] = (self.data.measured * diagonal).sum(axis=0) * self._jitter
+        w = self.moves
+        moments = w[..., None] * w[:, None] + moved
+        mixed = self.states[:-1, :, None] * w[:, None] + earlier
+        weight = self.process_weight
+        information = weight @ moments @ weight - weight
+        crossed = mixed @ weight
+        first = np.outer(self.states[0], self.states[0]) + self._first
+        for g, step in enumerate(self._steps):
+            each = self._traces(information, g) * self.data.moved[:, g, None, None]
+            across = self._traces(crossed, g)
+            begin = self._traces(first[None], g)[0]
+            for j in range(1, len(self.kind.names)):
+                found[g, j] = (
+                    0.5 * np.vdot(step.slope_noise[j], each)
+                    + np.einsum("ncd,ndc->", step.slope_transition[j], across)
+                    - 0.5 * np.vdot(step.slope_prior[j], begin)
+                    + 1.5 * step.slope_log_prior[j]
+                )
+        return found
+
+    def disturbances(self) -> tuple[Array, Array, Array, Array]:
+        """Squared sizes of each pose's jitter and each step's move, as the data tell them.
+
+        For each, (N, 2) and (N - 1, 2), by group: the square of the generalised least squares
+        estimate over the three axes, and its variance on one axis beside the disturbance's own.
+        """
+        noise, moved, _ = self.covariances
+        u = (self.weight @ self.residual[..., None])[..., 0]
+        told = np.einsum("nii->ni", self.weight - self.weight @ noise @ self.weight)
+        v = (self.process_weight @ self.moves[..., None])[..., 0][:, :6]
+        process = self.process_weight - self.process_weight @ moved @ self.process_weight
+        felt = np.einsum("nii->ni", process)[:, :6]
+        answers = []
+        for score, information, own in (
+            (u, told, self.data.measured * self._jitter),
+            (v, felt, self.own_noise()),
+        ):
+            mean = np.maximum(information.reshape(-1, 2, 3).mean(axis=2), 1e-300)
+            square = (score.reshape(-1, 2, 3) ** 2).sum(axis=2) / mean**2
+            answers += [square, np.maximum(1.0 / mean - own, 0.0)]
+        return answers[0], answers[1], answers[2], answers[3]
+
+    def own_noise(self) -> Array:
+        """What one axis of each step's first component is inflated from, (N - 1, 2)."""
+        return np.stack(
+            [s.noise[:, 0, 0] * self.data.moved[:, g] for g, s in enumerate(self._steps)], axis=1
+        )
+
+    def innovations(self) -> Array:
+        """What each pose is beyond its prediction from those before, whitened; (N, 6).
+
+        The factor runs forwards: without what the next step says, row i of it holds the state
+        given the poses up to i. From the rest of the data there, the prediction's.
+        """
+        rest = self.data.errors - self.columns @ self.theta
+        right = np.zeros((self.count, self.size, 1))
+        right[:, :6] = self.weight @ rest[..., None]
+        forward = self.factor.forward(right)
+        own, _ = self.factor.blocks()
+        information = own @ np.swapaxes(own, 1, 2)
+        f = self.transition
+        information[:-1] -= np.swapaxes(f, 1, 2) @ self.process_weight @ f
+        state = np.linalg.solve(information, own @ forward)[:, :6, 0]
+        covariance = self.noise - np.linalg.inv(information)[:, :6, :6]
+        first = 0 if self.kind is Kind.WANDER else 1
+        residual, covariance = (rest - state)[first:], covariance[first:]
+        noise = self.noise[first:]
+        gained = noise @ np.linalg.solve(covariance, residual[..., None])
+        spread = noise @ np.linalg.solve(covariance, noise)
+        root = np.linalg.cholesky(0.5 * (spread + np.swapaxes(spread, 1, 2)))
+        return np.asarray(np.linalg.solve(root, gained)[..., 0])

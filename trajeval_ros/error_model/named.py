@@ -1,0 +1,59 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The error model as plain values: what ``summary.json`` holds. SI units."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from trajeval_ros import se3
+from trajeval_ros.error_model.fit import ErrorModel
+from trajeval_ros.error_model.nuisances import NAMES
+from trajeval_ros.error_model.process import GROUPS, Kind
+
+Figures = dict[str, object]
+
+
+def named(model: ErrorModel) -> Figures:
+    """Each figure as ``{"value", "std"}``, vectors as lists; those that are not there, left out."""
+    std, nuisances = model.std, model.nuisances
+    step = se3.log(nuisances.extrinsic)
+    position, quaternion = se3.to_position_quaternion(nuisances.extrinsic)
+    groups = {
+        group: {
+            name: {"value": figure.value, "std": figure.std if np.isfinite(figure.std) else None}
+            for name, figure in model.groups[group].items()
+        }
+        for group in GROUPS
+    }
+    return {
+        "model": "wander" if model.kind is Kind.WANDER else "drift",
+        **groups,
+        "clock_offset": {"value": nuisances.clock_offset, "std": float(std[0])},
+        "clock_rate": {"value": nuisances.clock_rate, "std": float(std[1])},
+        "extrinsic": {
+            "translation": {"value": position.tolist(), "std": std[2:5].tolist()},
+            "rotation": {"value": step[3:].tolist(), "std": std[5:8].tolist()},
+            "pose": [*position.tolist(), *quaternion.tolist()],
+        },
+        "scale": {"value": nuisances.scale, "std": float(std[8] * nuisances.scale)},
+        "covariance": model.covariance.tolist(),
+        "unobserved": [
+            {
+                "of": list(each.names),
+                "direction": dict(zip(NAMES, each.direction.tolist(), strict=True)),
+            }
+            for each in model.unobserved
+        ],
+        "poses": model.poses,
+        "log_likelihood": model.log_likelihood,
+        "nats_per_pose": model.nats_per_pose,
+        "nats_per_pose_uncorrected": model.uncorrected / model.poses,
+        "nats_per_pose_of": {str(kind): value for kind, value in model.alternatives.items()},
+        "chi2_per_dof": model.chi2_per_dof,
+        "whiteness": dict(zip(GROUPS, model.whiteness.tolist(), strict=True)),
+        "jumps": [
+            {"stamp": each.stamp, "translation": each.translation, "rotation": each.rotation}
+            for each in model.jumps
+        ],
+    }
