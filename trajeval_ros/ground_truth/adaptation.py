@@ -213,7 +213,7 @@ class Adaptation:
 
     def __init__(self, process: Process, regimes: Regimes) -> None:
         """Begin with ``regimes``, which the samples before the segment were in."""
-        self._process = process
+        self.process = process
         self._regimes = regimes
         self._watches = (Watch(), Watch())
         self.epochs: list[Epoch] = []
@@ -230,7 +230,7 @@ class Adaptation:
     def regimes(self, process: Process, values: Values) -> Regimes:
         """The regimes after the samples ``values``; under another process, the best for these."""
         epoch = self.at(len(values.times))
-        if process.learned is None or process.learned == self._process.learned:
+        if process.learned is None or process.learned == self.process.learned:
             return epoch.regimes
         if len(values.times) < 3:
             return AS_LEARNED
@@ -250,7 +250,7 @@ class Adaptation:
             self._begin(1, (1, 1), self._regimes, values)
         else:
             self._condition(values)
-        learned = self._process.learned
+        learned = self.process.learned
         while learned is not None:
             refuted = self._refuted()
             if refuted is None:
@@ -272,7 +272,7 @@ class Adaptation:
 
     def _begin(self, first: int, since: tuple[int, int], regimes: Regimes, values: Values) -> None:
         """Begin an epoch."""
-        process = self._process.under(regimes)
+        process = self.process.under(regimes)
         size, width = values.values.shape[1] // 2, values.values.shape[2]
         groups = tuple(group for group in process.groups for _ in range(size))
         regression = Regression(process.kernels, groups, width)
@@ -297,7 +297,7 @@ class Adaptation:
         squares, log_dets = (
             each.reshape(2, -1, regression.count - first) for each in regression.innovations(first)
         )
-        accuracy = np.array(self._process.accuracy)[:, None, None]
+        accuracy = np.array(self.process.accuracy)[:, None, None]
         telling = np.asarray((np.exp(log_dets) > _TELLING * accuracy**2).all(axis=1))
         squares = squares.sum(axis=1)
         found = []

@@ -31,13 +31,15 @@ class Fit:
 
     They are one when the process fits, and above where it promises too much. ``noise_std``: what
     the samples' noise is now, its correlated part included, m and rad; ``segments`` closed, and
-    ``adapted``, the number of those whose samples refuted the process that they began with.
+    ``adapted``, the number of those whose samples refuted the process that they began with;
+    ``stamp_std``: how uncertain the samples' stamps are, s.
     """
 
     mean_squares: tuple[float, float]
     noise_std: tuple[float, float]
     segments: int
     adapted: int
+    stamp_std: float
 
     @property
     def named(self) -> dict[str, float]:
@@ -47,6 +49,7 @@ class Fit:
             "rotation_mean_square": self.mean_squares[1],
             "translation_noise_std": self.noise_std[0],
             "rotation_noise_std": self.noise_std[1],
+            "stamp_std": self.stamp_std,
         }
 
 
@@ -63,6 +66,7 @@ class Fits:
         self._noted = 0
         self._segments = 0
         self._adapted = 0
+        self._stamp_std = 0.0
 
     def add(self, segment: Segment) -> None:
         """Take a closed segment whose process is known."""
@@ -79,6 +83,7 @@ class Fits:
         self._segments += 1
         self._adapted += len(segment.epochs) > 1
         self._noise = _noise(epoch.process)
+        self._stamp_std = epoch.process.stamp_std
         white = _white(epoch)
         self._first = self._first or white
         # Where samples are rare, much of the noise stands for motion between them.
@@ -105,7 +110,9 @@ class Fits:
         if not self._recent:
             return None
         translation, rotation = (float(np.median(each)) for each in zip(*self._recent, strict=True))
-        return Fit((translation, rotation), self._noise, self._segments, self._adapted)
+        return Fit(
+            (translation, rotation), self._noise, self._segments, self._adapted, self._stamp_std
+        )
 
 
 def _white(epoch: Epoch) -> tuple[float, float]:

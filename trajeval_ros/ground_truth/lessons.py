@@ -13,6 +13,7 @@ from trajeval_ros.ground_truth.models import Model
 from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.regimes import Learned
 from trajeval_ros.ground_truth.segment import Segment
+from trajeval_ros.ground_truth.stamps import stamp_noise
 
 Array = npt.NDArray[np.float64]
 
@@ -37,8 +38,14 @@ _SOFT_LIMITS = (2e-3, 5e-3)
 class Lessons:
     """Collects closed segments, and learns when they suffice."""
 
-    def __init__(self, model: Model, accuracy: tuple[float, float]) -> None:
-        """``accuracy``: the instrument's, in translation (m) and rotation (rad)."""
+    def __init__(
+        self, model: Model, accuracy: tuple[float, float], exact_stamps: bool = False
+    ) -> None:
+        """``accuracy``: the instrument's, in translation (m) and rotation (rad).
+
+        With ``exact_stamps`` no noise of the stamps is looked for.
+        """
+        self._exact_stamps = exact_stamps
         self._model = model
         self._accuracy = accuracy
         self._moving = _Reservoir()
@@ -72,20 +79,23 @@ class Lessons:
             *_thinned(still, SEGMENTS if not moving else SEGMENTS // 4),
         ]
         moves = bool(moving) or any(_turns(segment) for segment in still)
-        learned = [self._learn_group(group, segments, moves) for group in (0, 1)]
+        stamp_std = 0.0 if self._exact_stamps else _stamp_std(moving, self._accuracy)
+        learned = [self._learn_group(group, segments, moves, stamp_std) for group in (0, 1)]
         while self._due <= self._moving.covered:
             self._due *= 2
         self._changed = 0
         translation, rotation = learned
         if translation is None or rotation is None:
             return None
-        self._process = Process.of((translation, rotation))
+        self._process = Process.of((translation, rotation), stamp_std)
         self._taught_by_motion = moves
         return self._process
 
-    def _learn_group(self, group: int, segments: list[Segment], moving: bool) -> Learned | None:
+    def _learn_group(
+        self, group: int, segments: list[Segment], moving: bool, stamp_std: float
+    ) -> Learned | None:
         columns = slice(3 * group, 3 * group + 3)
-        records = [_record(segment, columns) for segment in segments]
+        records = [_record(segment, columns, stamp_std) for segment in segments]
         accuracy = self._accuracy[group]
         soft_limit = max(_SOFT_LIMITS[group], 4.0 * accuracy)
         before = None
@@ -135,6 +145,12 @@ def _turns(segment: Segment) -> bool:
     return bool(np.abs(segment.coordinates[:, 3:]).max() > _TURNING)
 
 
+def _stamp_std(segments: list[Segment], accuracy: tuple[float, float]) -> float:
+    """How uncertain the stamps are, to a hundredth of a millisecond: as in `_record`."""
+    data = [(segment.times, segment.coordinates.round(_DIGITS)) for segment in segments]
+    return round(stamp_noise(data, accuracy), 5)
+
+
 def _is_new(segment: Segment) -> bool:
     """Whether its samples were in a regime that its process was not learned from."""
     epoch = segment.epochs[-1]
@@ -142,14 +158,14 @@ def _is_new(segment: Segment) -> bool:
     return any(each.is_new(regime) for each, regime in zip(learned, epoch.regimes, strict=True))
 
 
-def _record(segment: Segment, columns: slice) -> Record:
+def _record(segment: Segment, columns: slice, stamp_std: float) -> Record:
     """What a segment gives, to a tenth of a micrometre.
 
     The search for the optimum amplifies the last digit of its data, and that one depends on how the
     samples were cut into batches; rounded, the data are the same bits, and so is what is learned.
     """
     every = slice(None, None, -(-len(segment) // SAMPLES))
-    variances = segment.variances
+    variances = segment.known_variances(stamp_std)
     known = np.zeros(len(segment))
     if variances is not None:
         known = np.mean(variances[:, columns], axis=-1).round(2 * _DIGITS)

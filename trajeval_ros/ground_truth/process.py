@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,28 +29,30 @@ class Process:
 
     ``accuracy``: the instrument's, in translation (m) and rotation (rad); a segment's scale does
     not bring the noise below it. ``learned``: what the hyperparameters come from, of translation
-    and rotation; None where they are given, and no segment's samples change them.
+    and rotation; None where they are given, and no segment's samples change them. ``stamp_std``:
+    how uncertain the samples' stamps are, s.
     """
 
     kernels: tuple[Kernel, ...]
     hyperparameters: Hyperparameters
     accuracy: tuple[float, float]
     learned: tuple[Learned, Learned] | None = None
+    stamp_std: float = 0.0
 
     @staticmethod
-    def of(learned: tuple[Learned, Learned]) -> Process:
+    def of(learned: tuple[Learned, Learned], stamp_std: float = 0.0) -> Process:
         """The process that was learned."""
         translation, rotation = learned
         hyperparameters = Hyperparameters(translation.under(USUAL), rotation.under(USUAL))
         accuracy = (translation.accuracy, rotation.accuracy)
-        return Process(translation.model.kernels, hyperparameters, accuracy, learned)
+        return Process(translation.model.kernels, hyperparameters, accuracy, learned, stamp_std)
 
     def under(self, regimes: Regimes) -> Process:
         """The process of a stretch in other regimes."""
         if self.learned is None or regimes == AS_LEARNED:
             return self
         groups = (each.under(regime) for each, regime in zip(self.learned, regimes, strict=True))
-        return Process(self.kernels, Hyperparameters(*groups), self.accuracy, self.learned)
+        return replace(self, hyperparameters=Hyperparameters(*groups))
 
     @property
     def groups(self) -> tuple[GroupHyperparameters, GroupHyperparameters]:

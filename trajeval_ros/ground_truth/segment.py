@@ -13,6 +13,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.ground_truth.adaptation import Adaptation, Epoch, Values
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
+from trajeval_ros.ground_truth.stamps import HISTORY, slopes
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -124,12 +125,14 @@ class Segment:
     when its process is known, and kept.
     """
 
-    def __init__(self, samples: Samples) -> None:
-        """Open a segment with its first samples."""
+    def __init__(self, samples: Samples, before: Samples | None = None) -> None:
+        """Open a segment with its first samples; ``before``: some that came before them."""
         self._samples = samples
+        self.before = samples[:0] if before is None else before
         # Of the first samples, as far as they were asked for.
         self._coordinates = np.empty((0, 6))
         self._variances = np.empty((0, 6))
+        self._slopes = np.empty((0, 6))
         self._adaptation: Adaptation | None = None
 
     def __len__(self) -> int:
@@ -169,6 +172,29 @@ class Segment:
             further = np.einsum("nij,njk,nik->ni", to_local, covariances, to_local)
             self._variances = np.concatenate([self._variances, further])
         return self._variances
+
+    @property
+    def slopes(self) -> Array:
+        """``ẋ_k`` from the samples up to the k-th, of local coordinates; (n, 6), m/s and rad/s."""
+        known, earlier = len(self._slopes), len(self.before)
+        if known < len(self):
+            times = np.concatenate([self._seconds(self.before.stamps), self.times])
+            x = np.concatenate([self._local(self.before.poses), self.coordinates])
+            first = max(earlier + known - HISTORY, 0)
+            further = slopes(times[first:], x[first:], earlier + known - first)
+            self._slopes = np.concatenate([self._slopes, further])
+        return self._slopes
+
+    def known_variances(self, stamp_std: float) -> Array | None:
+        """The samples' own variances, and those of stamps with a ``stamp_std`` (s); (n, 6).
+
+        None without any.
+        """
+        own = self.variances
+        if not stamp_std:
+            return own
+        along = (stamp_std * self.slopes) ** 2
+        return along if own is None else own + along
 
     @property
     def start(self) -> int:
@@ -212,7 +238,8 @@ class Segment:
         Its groups are translation and rotation, or each coordinate where each sample has its own
         variances.
         """
-        variances = self.variances
+        process = None if self._adaptation is None else self._adaptation.process
+        variances = self.known_variances(0.0 if process is None else process.stamp_std)
         size = 2 if variances is None else 6
         values = self.coordinates.reshape(len(self), size, -1)
         if variances is None:

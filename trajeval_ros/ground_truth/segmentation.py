@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.ground_truth.segment import Samples, Segment
+from trajeval_ros.ground_truth.stamps import HISTORY
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -175,7 +176,9 @@ class Segmentation:
         if ready[taken - 1] or angle[taken - 1] >= _TURN_BEGIN:
             self._trigger = (len(segment), float(angle[taken - 1]))
             self._handovers.append(HandOver(int(ahead.stamps[taken - 1])))
-            self._segments.append(Segment(segment.samples[-shape.lead - 1 :]))
+            lead = len(segment) - shape.lead - 1
+            before = segment.before + segment.samples[: max(lead, 0)]
+            self._segments.append(Segment(segment.samples[-shape.lead - 1 :], before[-HISTORY:]))
             self.opened += 1
         return samples[taken:]
 

@@ -39,6 +39,7 @@ class Settings:
     ``kernel``: the name of a model; ``hyperparameters``: those of every segment, or a process that
     was learned before, to which each segment adapts; None: they are learned, and
     ``translation_std`` (m) and ``rotation_std`` (rad), the instrument's accuracy, add to the noise.
+    ``exact_stamps``: no noise of the stamps is learned.
     """
 
     kernel: str
@@ -46,6 +47,7 @@ class Settings:
     translation_std: float
     rotation_std: float
     shape: SegmentShape
+    exact_stamps: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +81,7 @@ class GroundTruth:
         self._lessons: Lessons | None = None
         self._processes: deque[tuple[int, Process]] = deque()  # each from a segment's index on
         if settings.hyperparameters is None:
-            self._lessons = Lessons(model, self._accuracy)
+            self._lessons = Lessons(model, self._accuracy, settings.exact_stamps)
         else:
             given = settings.hyperparameters
             if isinstance(given, Hyperparameters):

@@ -211,6 +211,12 @@ _TABLE = (
         upper=3600.0,
     ),
     Parameter(
+        "ground_truth.stamps",
+        "measured",
+        "Whether the ground truth's stamps are measured, their noise to be learned, or exact",
+        choices=("measured", "exact"),
+    ),
+    Parameter(
         "gp.kernel",
         "matern52",
         "Covariance function of the ground truth's motion",

@@ -79,7 +79,14 @@ class Reference:
         hyperparameters = self.ground_truth.hyperparameters
         if hyperparameters is None or not self._learned:
             return ()
-        return (Notice("info", LEARNED, _described(hyperparameters)),)
+        found = [Notice("info", LEARNED, _described(hyperparameters))]
+        fit = self.ground_truth.fit
+        if fit is not None and fit.stamp_std:
+            text = f"the ground truth's stamps are uncertain to {1e3 * fit.stamp_std:.2g} ms"
+            found.append(
+                Notice("info", "ground_truth_stamps", f"{text}: counted as noise along the motion")
+            )
+        return tuple(found)
 
     def faulty(self) -> tuple[Notice, ...]:
         """What is wrong with the ground truth."""

@@ -150,6 +150,7 @@ def _process(read: _Reader) -> trajectory.Settings:
             round(read.number("segment.min_samples")),
             round(read.number("segment.max_samples")),
         ),
+        exact_stamps=read.text("ground_truth.stamps") == "exact",
     )
 
 

@@ -366,6 +366,9 @@ def model(run: Run) -> list[Row]:
         rows.append(("Fit, translation and rotation", means, "1 is a process that fits"))
         adapted = f"{fit['segments_adapted']:,} of {fit['segments_closed']:,}"
         rows.append(("Segments that changed it", adapted, "their samples refuted it"))
+        if fit["stamp_std"]:
+            uncertain = f"{1e3 * fit['stamp_std']:.2g} ms"
+            rows.append(("Stamps, uncertain to", uncertain, "noise along the motion, learned"))
     for fault in truth.get("faults", ()):
         span = f"{fault['begin'] / SECOND:.3f} s to {fault['end'] / SECOND:.3f} s"
         rows.append((f"Fault: {fault['code']}", span, html.escape(fault["text"])))

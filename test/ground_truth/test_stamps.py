@@ -1,0 +1,129 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Noise of the stamps: found where it is, and only there."""
+
+import numpy as np
+import pytest
+from twins.profiles import Profile, noisy, samples
+
+from trajeval_ros import se3
+from trajeval_ros.ground_truth.stamps import HISTORY, slopes, stamp_noise
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
+
+ACCURACY = (5e-4, 9e-4)
+
+
+def test_the_slope_of_a_straight_line_is_its_own_and_the_first_row_has_none():
+    rng = np.random.default_rng(0)
+    times = np.cumsum(rng.uniform(0.001, 0.3, 300))
+    line = times[:, None] * np.arange(-3.0, 3.0)
+    found = slopes(times, line, 0)
+    np.testing.assert_array_equal(found[0], 0.0)
+    np.testing.assert_allclose(found[1:], np.tile(np.arange(-3.0, 3.0), (299, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("step", [0.001, 0.01, 0.3])
+def test_a_slope_depends_on_the_rows_up_to_it_and_not_on_how_they_are_cut(step):
+    rng = np.random.default_rng(1)
+    times, x = step * np.arange(400.0), rng.normal(size=(400, 6))
+    whole = slopes(times, x, 0)
+    for row in (130, 250, 399):
+        begin = max(row - HISTORY, 0)
+        part = slopes(times[begin : row + 1], x[begin : row + 1], row - begin)
+        np.testing.assert_array_equal(part[0], whole[row])
+
+
+def jittering(kind, rate, jitter, noise=1e-3, seed=1):
+    """Times, stamps, samples' poses: each stamped on arrival, after a delay, in their order."""
+    rng = np.random.default_rng(seed)
+    profile = Profile(rng, ("rest", 5), (kind, 40))
+    times = np.arange(0.5, profile.duration - 0.6, 1.0 / rate)
+    delays = rng.exponential(jitter, len(times)) if jitter else np.zeros(len(times))
+    stamps = np.maximum.accumulate(times + delays) + 1e-7 * np.arange(len(times))
+    return profile, times, stamps, noisy(rng, profile.at(times), noise, 1.7e-3)
+
+
+def scored(profile, stamps, poses, delay, **parameters):
+    """The summary and the standardised errors of a perfect estimate, translation and rotation."""
+    times = np.arange(2.0, profile.duration - 2.0, 0.0637)
+    engine, errors, covariances = Engine(parameters), [], []
+    # The delay's mean is an offset, no noise.
+    estimate = samples(times + delay, profile.at(times))
+    for results in feed(engine, samples(stamps, poses), estimate):
+        found = results.evaluations
+        errors.append(se3.log(se3.compose(se3.inverse(found.ground_truth), found.estimate)))
+        covariances.append(found.covariance)
+    error, covariance = np.concatenate(errors), np.concatenate(covariances)
+    anees = []
+    for group in (slice(0, 3), slice(3, 6)):
+        whitened = np.linalg.solve(covariance[:, group, group], error[:, group, None])[..., 0]
+        anees.append(float((error[:, group] * whitened).sum(axis=1).mean()) / 3.0)
+    return engine.summary(), anees
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate", "jitter"),
+    [("hand", 100, 0.003), ("hand", 50, 0.005), ("hand", 50, 0.02), ("fast", 200, 0.005)],
+)
+def test_stamps_on_arrival_are_told_and_accounted_for(kind, rate, jitter):
+    profile, times, stamps, poses = jittering(kind, rate, jitter)
+    summary, anees = scored(profile, stamps, poses, jitter)
+    found = summary["ground_truth"]["fit"]["stamp_std"]
+    # What does not stay in order waits for the one before, which makes the noise less than white.
+    actual = float(np.std(stamps - times - np.convolve(stamps - times, np.ones(9) / 9, "same")))
+    assert 0.3 * actual < found < 1.5 * actual
+    assert max(anees) < 2.5
+    assert min(anees) > 0.3
+
+
+def test_the_estimate_is_within_a_third_where_the_noise_is_white():
+    rng = np.random.default_rng(3)
+    profile = Profile(rng, ("hand", 60))
+    times = np.arange(0.5, 59.0, 0.02)
+    stamps = times + np.clip(rng.normal(0.0, 0.003, len(times)), -0.009, 0.009)
+    poses = noisy(rng, profile.at(times), 1e-3, 1.7e-3)
+    summary, anees = scored(profile, stamps, poses, 0.0)
+    assert summary["ground_truth"]["fit"]["stamp_std"] == pytest.approx(0.003, rel=0.3)
+    assert max(anees) < 2.0
+    # Without it the process has to take it for rough motion or noise at rest as well.
+    exact, _ = scored(profile, stamps, poses, 0.0, **{"ground_truth.stamps": "exact"})
+    assert exact["ground_truth"]["fit"]["stamp_std"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "rate"),
+    [
+        ("hand", 100),
+        ("drive", 10),
+        ("drive", 1),
+        ("aggressive", 100),
+        ("aggressive", 20),
+        ("fast", 5),
+    ],
+)
+@pytest.mark.parametrize("noise", [1e-4, 5e-3])
+def test_exact_stamps_have_no_noise_however_rare_the_samples(kind, rate, noise):
+    profile, _, stamps, poses = jittering(kind, rate, 0.0, noise)
+    summary, _ = scored(profile, stamps, poses, 0.0)
+    assert summary["ground_truth"]["fit"]["stamp_std"] == 0.0
+
+
+def test_a_body_at_rest_tells_nothing_of_its_stamps():
+    profile, _, stamps, poses = jittering("rest", 50, 0.01)
+    summary, anees = scored(profile, stamps, poses, 0.01)
+    assert summary["ground_truth"]["fit"]["stamp_std"] == 0.0
+    assert max(anees) < 1.5
+
+
+def test_missing_samples_are_no_noise_of_the_stamps():
+    profile, times, stamps, poses = jittering("aggressive", 20, 0.0)
+    kept = np.random.default_rng(5).uniform(size=len(times)) > 0.3
+    summary, _ = scored(profile, stamps[kept], poses[kept], 0.0)
+    assert summary["ground_truth"]["fit"]["stamp_std"] == 0.0
+
+
+def test_few_segments_do_not_tell():
+    times = np.arange(0.0, 2.0, 0.02)
+    x = np.outer(times, np.ones(6)) + np.random.default_rng(0).normal(size=(100, 6)) * 0.01
+    assert stamp_noise([(times, x)] * 3, ACCURACY) == 0.0

@@ -1,0 +1,160 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How uncertain the samples' stamps are, and what that means for each sample.
+
+A driver that stamps on arrival jitters: a sample stamped t was taken at t - ε, ``ε ~ N(0, σ_t²)``,
+and lies off by ``ẋ ε``, along the motion and nowhere else. That tells it from all other noise. Of
+the residual from the straight line between the neighbours,
+
+    r_k = x_k - a_k x_(k-1) - b_k x_(k+1),  a_k = (t_(k+1) - t_k) / (t_(k+1) - t_(k-1)) = 1 - b_k,
+
+two that follow each other have, of stamps and of white noise n, the covariance
+
+    E[r_k r_(k+1)] = -(a_(k+1) + b_k) (σ_t² ẋ² + n²)   along the motion, and without σ_t across,
+
+while the curvature of the motion, where the samples follow it, has a positive one
+(``docs/method.md``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+HISTORY = 120
+"""So many samples before one may be needed for its slope."""
+
+# A slope is a straight line's through so many samples up to the one that it belongs to: the newest,
+# or, where these lie closer together than jitter allows (s), every so many; none older than this
+# (s) but the one before.
+_ROWS = 16
+_STRIDE = 8
+_SHORTEST = 0.1
+_LONGEST = 0.5
+# Segments with fewer samples, or fewer segments, do not tell.
+_FEWEST_SAMPLES = 12
+_FEWEST_SEGMENTS = 4
+# The estimate stands out from its scatter over the segments so much, in translation and rotation
+# together; and what it does to a sample from the instrument's accuracy.
+_SIGNIFICANT = 3.0
+# Between samples further apart than this (s), motion is not told from noise of the stamps.
+_RAREST = 0.25
+# An interval counts as no longer than the usual one by so many of it.
+_IRREGULAR = 2.0
+# Single residuals count as no more than so many times the median of their squares.
+_CLIPPED = 25.0
+
+
+def slopes(times: Array, coordinates: Array, first: int) -> Array:
+    """The slopes ``ẋ`` of the rows from ``first`` on, each from the rows up to it; (n - first, c).
+
+    ``times`` (n,) s and ``coordinates`` (n, c). Zero for a row without one before it.
+    """
+    rows = np.arange(first, len(times))
+    back = np.arange(_ROWS)
+    near, far = rows[:, None] - back, rows[:, None] - _STRIDE * back
+    reach = times[rows] - times[np.maximum(near[:, -1], 0)]
+    dense = (reach < _SHORTEST) & (far[:, 3] >= 0)
+    index = np.where(dense[:, None], far, near)
+    used = index >= 0
+    index = np.maximum(index, 0)
+    apart = times[index] - times[rows, None]
+    used &= (apart >= -_LONGEST) | (back == 1)
+    count = used.sum(axis=1)
+    apart = np.where(used, apart, 0.0)
+    apart -= (apart.sum(axis=1) / count)[:, None]
+    apart = np.where(used, apart, 0.0)
+    square = (apart**2).sum(axis=1)
+    product = (apart[:, :, None] * coordinates[index]).sum(axis=1)
+    known = square > 0.0
+    return np.asarray(
+        np.where(known[:, None], product, 0.0) / np.where(known, square, 1.0)[:, None]
+    )
+
+
+def stamp_noise(segments: Sequence[tuple[Array, Array]], accuracy: tuple[float, float]) -> float:
+    """The standard deviation ``σ_t`` of the stamps, s; zero where it does not show.
+
+    ``segments``: ``times`` (n,) s and ``coordinates`` (n, 6) of each; ``accuracy``: the
+    instrument's, of translation (m) and rotation (rad).
+    """
+    found = [
+        _of_group([(t, x[:, 3 * g : 3 * g + 3]) for t, x in segments], accuracy[g]) for g in (0, 1)
+    ]
+    weights = np.array([significance**2 for significance, _ in found])
+    if not weights.sum() > _SIGNIFICANT**2:
+        return 0.0
+    return math.sqrt(float(weights @ [variance for _, variance in found]) / weights.sum())
+
+
+def _of_intervals(times: Sequence[Array]) -> float:
+    """The most that the variance of the stamps can be, s², by their intervals.
+
+    White noise of the stamps makes an interval long and the next one short, with the covariance
+    ``-σ_t²``; missing samples do not. Where it has none, what looks like noise of the stamps is
+    motion that the samples are too rare for.
+    """
+    products, count = 0.0, 0
+    usual = float(np.median(np.concatenate([np.diff(each) for each in times])))
+    if usual > _RAREST:
+        return 0.0
+    for each in times:
+        off = np.clip(np.diff(each) - usual, -usual, _IRREGULAR * usual)
+        products -= float((off[:-1] * off[1:]).sum())
+        count += len(off) - 1
+    return max(products / max(count, 1), 0.0)
+
+
+def _of_group(segments: Sequence[tuple[Array, Array]], accuracy: float) -> tuple[float, float]:
+    """How significant the variance of the stamps is, and the variance, s²."""
+    sums = np.array(
+        [_sums(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES]
+    ).reshape(-1, 4)
+    excess, squares, counts, across = sums.T
+    if len(sums) < _FEWEST_SEGMENTS or not squares.sum() > 0.0:
+        return 0.0, 0.0
+    if not excess.sum() > max(across.sum(), 0.0):
+        return 0.0, 0.0
+    shown = float(excess.sum() / squares.sum())
+    variance = min(shown, _of_intervals([times for times, _ in segments]))
+    # What it does to a sample, while the body moves.
+    speed = float((squares**2).sum() / (squares * counts).sum())
+    if variance * speed < accuracy**2:
+        return 0.0, 0.0
+    scatter = float(np.sqrt(((excess - shown * squares) ** 2).sum()))
+    return float(excess.sum()) / max(scatter, 1e-300), variance
+
+
+def _sums(times: Array, x: Array) -> tuple[float, float, float, float]:
+    """The excess along the motion, the squared speeds beside it, their number; what is across."""
+    whole = times[2:] - times[:-2]
+    before = (times[2:] - times[1:-1]) / whole
+    after = 1.0 - before
+    residual = x[1:-1] - before[:, None] * x[:-2] - after[:, None] * x[2:]
+    reach = min(8, (len(times) - 1) // 2)
+    index = np.arange(1, len(times) - 1)
+    low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(times) - 1)
+    velocity = (x[high] - x[low]) / (times[high] - times[low])[:, None]
+    speed = np.linalg.norm(velocity, axis=1)
+    direction = velocity / np.where(speed > 0.0, speed, 1.0)[:, None]
+    limit = math.sqrt(_CLIPPED * float(np.median((residual**2).sum(axis=1))))
+    size = np.linalg.norm(residual, axis=1)
+    residual *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))[:, None]
+    along = (residual * direction).sum(axis=1)
+    across = residual - along[:, None] * direction
+    weight = before[1:] + after[:-1]
+    lateral = 0.5 * (across[:-1] * across[1:]).sum(axis=1)
+    products = along[:-1] * along[1:] - lateral
+    moving = (speed[:-1] > 0.0) & (speed[1:] > 0.0) & (weight > 0.0)
+    # Divided by the weight it would give the bursts, where the weight is small, all the say.
+    return (
+        float(-products[moving].sum()),
+        float((weight * speed[:-1] * speed[1:])[moving].sum()),
+        float(moving.sum()),
+        float(-lateral[moving].sum()),
+    )
