@@ -127,7 +127,8 @@ def test_the_uncertainty_rises_and_falls_smoothly():
     std = np.sqrt(np.diagonal(evaluations["covariance"][inside], axis1=1, axis2=2))
     for size in (std[:, :3].max(axis=1), std[:, 3:].max(axis=1)):
         top = int(np.argmax(size))
-        assert 0.2 * len(size) < top < 0.8 * len(size)
+        # Not in the middle: the motion before may be livelier than the motion after.
+        assert 0.1 * len(size) < top < 0.9 * len(size)
         rising, falling = np.diff(size[: top + 1]), np.diff(size[top:])
         assert (rising > -0.02 * size.max()).all()
         assert (falling < 0.02 * size.max()).all()
