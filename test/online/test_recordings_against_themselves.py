@@ -1,0 +1,129 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every recording that is at hand, against itself: at its own rate and thinned."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trajeval_ros.files.tum import read_tum
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
+from trajeval_ros.online.samples import PoseSamples
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+NAMES = (
+    "tum_fr1_xyz",
+    "tum_fr2_desk",
+    "tum_vi_room1",
+    "euroc_v102",
+    "euroc_mh04",
+    "kaist_vio_circle_fast",
+    "kaist_vio_rotation",
+    "kitti_00",
+    "rover_georeferenced",
+    "rpng_table_01",
+)
+SECOND = 1_000_000_000
+
+# On kilometres of path first order does not hold (``docs/method.md``): there RE is not calibrated.
+LONG = "kitti_00"
+
+pytestmark = pytest.mark.slow  # together
+
+
+def recording(name: str, seconds: float) -> PoseSamples:
+    path = DATA / name / "groundtruth.txt"
+    if not path.exists():
+        pytest.skip(f"{path.parent} is not there")
+    read = read_tum(path)
+    kept = read.stamps < read.stamps[0] + round(seconds * SECOND)
+    return PoseSamples(read.stamps[kept], read.positions[kept], read.quaternions[kept])
+
+
+def thinned(samples: PoseSamples, rate: float) -> PoseSamples:
+    kept, last = [], -SECOND * 10_000
+    for index, stamp in enumerate(samples.stamps.tolist()):
+        if stamp - last >= 0.999 * SECOND / rate:
+            kept.append(index)
+            last = stamp
+    return rows(samples, np.array(kept))
+
+
+def rows(samples: PoseSamples, index: np.ndarray) -> PoseSamples:
+    return PoseSamples(samples.stamps[index], samples.positions[index], samples.quaternions[index])
+
+
+def run(ground_truth: PoseSamples, estimate: PoseSamples) -> tuple[Engine, dict]:
+    engine = Engine({})
+    for _ in feed(engine, ground_truth, estimate):
+        pass
+    return engine, engine.summary()
+
+
+def without_faults(samples: PoseSamples) -> PoseSamples:
+    """Without the samples that the ground truth names as faulty: as estimates these are errors."""
+    _, summary = run(samples, samples)
+    kept = np.ones(len(samples.stamps), dtype=bool)
+    for fault in summary["ground_truth"]["faults"]:
+        if fault["code"] in ("outliers", "flip", "frozen"):
+            step = samples.positions[1:] - samples.positions[:-1]
+            inside = (samples.stamps >= fault["begin"]) & (samples.stamps <= fault["end"])
+            # Of the stretch from the first to the last only what is far from its neighbours.
+            far = np.linalg.norm(step, axis=1) > 0.02
+            turn = np.abs((samples.quaternions[1:] * samples.quaternions[:-1]).sum(axis=1)) < 0.99
+            jumps = np.concatenate([[False], far | turn]) | np.concatenate([far | turn, [False]])
+            kept &= ~(inside & jumps)
+    return rows(samples, np.flatnonzero(kept))
+
+
+def noise(summary: dict) -> tuple[float, float]:
+    """What a sample's noise is taken to be, the three axes together, that of its stamp apart."""
+    learned = summary["ground_truth"]["hyperparameters"]
+    stds = (learned[g]["noise_std"] for g in ("translation", "rotation"))
+    translation, rotation = (3.0**0.5 * std for std in stds)
+    return translation, rotation
+
+
+# What was learned from the first few rare samples smooths more than what is learned later.
+MISSED = (("tum_vi_room1", 2.0), ("tum_vi_room1", 1.0), ("rover_georeferenced", 0.5))
+CELLS = [
+    pytest.param(
+        name,
+        rate,
+        marks=pytest.mark.xfail(reason="errs by more than the noise learned in the end")
+        if (name, rate) in MISSED
+        else (),
+    )
+    for name in NAMES
+    for rate in (10.0, 5.0, 2.0, 1.0, 0.5)
+]
+
+
+@pytest.mark.parametrize(("name", "rate"), CELLS)
+def test_a_thinned_recording_against_itself(name: str, rate: float) -> None:
+    samples = thinned(recording(name, 100.0 if rate > 2.0 else 300.0), rate)
+    _, summary = run(samples, without_faults(samples))
+    translation, rotation = noise(summary)
+    figures = summary["conventional"]
+    # Rare samples leave the noise and the motion between them in one: a few millimetres.
+    least = 1e-3 if rate > 2.0 else 4e-3
+    assert figures["ate_translation_rmse"] < max(translation, least)
+    assert figures["ate_rotation_rmse"] < max(rotation, least)
+    parts = [summary["absolute"], summary["window"]["relative"], summary["window"]["absolute"]]
+    for part in parts if name == LONG else [*parts, summary["relative"]]:
+        assert part["chi2_per_dof"] < 1.5
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_recording_against_itself(name: str) -> None:
+    samples = recording(name, 60.0)
+    _, summary = run(samples, without_faults(samples))
+    translation, rotation = noise(summary)
+    # Of white noise that a posterior averages over many samples, a sample itself has the mean
+    # square n²/P - 1 of the posterior's variance P: more than one, and by right.
+    assert summary["conventional"]["ate_translation_rmse"] < 1.5 * translation + 1e-3
+    assert summary["conventional"]["ate_rotation_rmse"] < 1.5 * rotation
+    for part in (summary["relative"], summary["absolute"], summary["window"]["relative"]):
+        assert part["chi2_per_dof"] < 3.0
