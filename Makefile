@@ -21,7 +21,7 @@ NONE_IS_FINE = $(if $(strip $(ARGS)),|| [ $$? -eq 5 ])
 
 # What needs no ROS: the mathematics, the engine, the files, the report.
 NOBLE_TESTS = $(wildcard $(foreach name,alignment comparison conventional degenerate diagnosis files \
-	ground_truth likelihood online report se3,test/$(name) test/test_$(name).py))
+	ground_truth library likelihood online report se3,test/$(name) test/test_$(name).py))
 
 # Nodes of this machine only; messages type-checked as they are built; rclpy wants a HOME.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -69,7 +69,7 @@ install: .venv/.installed
 	@echo "Installing into .venv (a minute or two the first time) ..."
 	@$(call environment,.venv,$(PYTHONS),13)
 	@.venv/bin/python -m pip install -qq --constraint requirements/tools.txt \
-		--editable '.[ros,bags,report,terminal,comparison,test,bench,check]'
+		--editable '.[ros,bags,report,terminal,comparison,tables,test,bench,check]'
 	@.venv/bin/python -m compileall -q trajeval_ros
 	@$(call installed,.venv)
 	@echo "Installed."

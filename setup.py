@@ -18,9 +18,20 @@ EXTRAS = {
     "report": ["matplotlib>=3.6"],
     # Intervals by the stationary bootstrap where two estimates are compared
     "comparison": ["arch>=6.2"],
+    # Result.poses.to_pandas()
+    "tables": ["pandas>=2"],
     # The live view of demo
     "terminal": ["rich>=13"],
-    "test": ["pytest>=7.4", "pytest-xdist>=3", "hypothesis>=6.98", "catkin-pkg", "evo", "mpmath"],
+    "test": [
+        "pytest>=7.4",
+        "pytest-xdist>=3",
+        "hypothesis>=6.98",
+        "catkin-pkg",
+        "evo",
+        "mpmath",
+        "nbclient",
+        "ipykernel",
+    ],
     "bench": ["evo", "scikit-learn"],
     "check": ["import-linter", "mypy", "pre-commit", "ruff", "types-PyYAML"],
 }

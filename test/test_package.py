@@ -23,7 +23,13 @@ HEADER = ["# Copyright 2026 The trajeval_ros authors", "# SPDX-License-Identifie
 # import name -> rosdep key, where they differ
 ROSDEP_KEYS = {"numpy": "python3-numpy", "scipy": "python3-scipy", "yaml": "python3-yaml"}
 # import name -> the extra of setup.py that brings it
-OPTIONAL = {"arch": "comparison", "matplotlib": "report", "rich": "terminal", "rosbags": "bags"}
+OPTIONAL = {
+    "arch": "comparison",
+    "matplotlib": "report",
+    "pandas": "tables",
+    "rich": "terminal",
+    "rosbags": "bags",
+}
 
 
 @pytest.fixture

@@ -1,0 +1,167 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What an evaluation has found, to be read, plotted or shown in a notebook."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.comparison.compare import Comparison
+from trajeval_ros.comparison.words import sentence
+from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.online.results import Evaluations, Notice
+from trajeval_ros.report import Report
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+_AXES = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Poses:
+    """Every evaluated pose of a run, in the order of time.
+
+    Attributes:
+        stamps: (M,) int64 ns, the estimate's own.
+        ground_truth: (M, 4, 4) T_world_body at these stamps.
+        covariance: (M, 6, 6) of its right perturbation: body frame, translation first, m and rad.
+        estimate: (M, 4, 4), in its own world, of the ground truth's body.
+        relative_error: (M, 6) of the step that ends at each pose, m and rad, body frame; NaN for
+            the first.
+        chi2: (M,) of that step, given the past.
+        log_likelihood: (M,) of that step, given the past, nats; they sum to `relative`'s.
+    """
+
+    stamps: Stamps
+    ground_truth: Array
+    covariance: Array
+    estimate: Array
+    relative_error: Array
+    chi2: Array
+    log_likelihood: Array
+
+    @classmethod
+    def of(cls, parts: Sequence[Evaluations]) -> Poses:
+        """Join what the engine handed out."""
+        return cls(
+            **{
+                field.name: np.concatenate([getattr(part, field.name) for part in parts])
+                for field in dataclasses.fields(cls)
+                if field.name != "stamps"
+            },
+            stamps=np.concatenate([part.stamps for part in parts]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame``, a row a pose; the index is the stamp, ns.
+
+        Columns as in ``poses.csv``, without the covariance but for its diagonal's square roots,
+        ``std_0`` to ``std_5``. Raises :class:`ImportError` where pandas is not installed.
+        """
+        import pandas as pd
+
+        columns: dict[str, Array] = {}
+        for prefix, poses in (("gt", self.ground_truth), ("est", self.estimate)):
+            values = np.concatenate(se3.to_position_quaternion(poses), axis=1)
+            names = (f"t{axis}" if len(axis) == 1 else axis for axis in _AXES)
+            columns |= {f"{prefix}_{name}": values[:, i] for i, name in enumerate(names)}
+        std = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        columns |= {f"std_{i}": std[:, i] for i in range(6)}
+        columns |= {f"e_{i}": self.relative_error[:, i] for i in range(6)}
+        columns |= {"chi2": self.chi2, "log_likelihood": self.log_likelihood}
+        return pd.DataFrame(columns, index=pd.Index(self.stamps, name="stamp_ns"))
+
+
+class Result:
+    """One estimate's evaluation; made by :func:`~trajeval_ros.evaluate`.
+
+    ``name``; ``summary``: the figures of ``summary.json``; ``poses``: :class:`Poses`; ``causes``:
+    what is likely wrong with the data, with evidence and advice; ``notices``: what else is to be
+    known. In a notebook it shows its report.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        summary: Mapping[str, Any],
+        poses: Poses,
+        causes: tuple[Cause, ...],
+        record: Report,
+    ) -> None:
+        self.name = name
+        self.summary = summary
+        self.poses = poses
+        self.causes = causes
+        self._record = record
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """What the engine has to say of the run."""
+        return self._record.notices
+
+    @property
+    def error_model(self) -> Mapping[str, Any] | None:
+        """The estimator's own error (``docs/error_model.md``); None where none could be fitted."""
+        return self.summary.get("error_model")
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write ``report.html``, one self-contained page, to ``path``; return it.
+
+        Raises :class:`OSError` where it cannot be written.
+        """
+        written = Path(path)
+        written.write_text(self._record.render(self.summary), encoding="utf-8")
+        return written
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self._record.render(self.summary), quote=True)
+        return (
+            f'<iframe srcdoc="{page}" sandbox="allow-scripts" title="{html.escape(self.name)}"'
+            ' style="width:100%;height:900px;border:0"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        figures = self.summary["conventional"]
+        said = []
+        for key, factor, unit in (
+            ("ate_translation_rmse", 1.0, "m"),
+            ("ate_rotation_rmse", 180.0 / np.pi, "deg"),
+        ):
+            if figures.get(key) is not None:
+                said.append(f"{factor * figures[key]:.4g} {unit}")
+        ate = f", ATE {', '.join(said)}" if said else ""
+        return f"Result({self.name!r}, {len(self.poses):,} poses{ate})"
+
+
+class Results(dict[str, Result]):
+    """Results by name, and ``comparison``: one :class:`Comparison` for each pair of them."""
+
+    comparison: tuple[Comparison, ...]
+
+    def __init__(self, results: Mapping[str, Result], comparison: Sequence[Comparison]) -> None:
+        super().__init__(results)
+        self.comparison = tuple(comparison)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Each comparison as a sentence that a person can repeat."""
+        return tuple(f"{sentence(one)}." for one in self.comparison)
+
+    def _repr_html_(self) -> str:
+        said = "".join(f"<li>{html.escape(line)}</li>" for line in self.sentences)
+        return f"<ul>{said}</ul>" + "".join(
+            f"<h3>{html.escape(name)}</h3>{result._repr_html_()}" for name, result in self.items()
+        )
