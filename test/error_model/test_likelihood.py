@@ -144,3 +144,18 @@ def test_covariances_are_blocks_of_the_inverse(count, size, seed):
         np.testing.assert_allclose(own[i], inverse[i, :, i], rtol=0, atol=1e-12)
         if i:
             np.testing.assert_allclose(beside[i - 1], inverse[i, :, i - 1], rtol=0, atol=1e-12)
+
+
+def test_the_scatter_of_the_scores_tells_of_errors_larger_than_the_model_says():
+    data, gauge = problem(600, 11)
+    rng = np.random.default_rng(0)
+    found = Likelihood(Kind.DRIFT, PARAMETERS[Kind.DRIFT], data, gauge)
+    noise = np.linalg.cholesky(found.noise) @ rng.normal(size=(600, 6, 1))
+    data = replace(data, errors=noise[..., 0])
+    usual = Likelihood(Kind.DRIFT, np.log([[2e-3, 1e-6], [1e-3, 1e-6]]), data, gauge)
+    ratio = usual.clustered_ratio(40)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.5)
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.15)
+    tripled = replace(data, errors=3.0 * data.errors)
+    larger = Likelihood(Kind.DRIFT, usual.parameters, tripled, gauge)
+    np.testing.assert_allclose(larger.clustered_ratio(40), 3.0 * ratio, rtol=1e-6)

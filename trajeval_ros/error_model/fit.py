@@ -48,6 +48,11 @@ _LONGEST_STEP = 0.1
 # A process with more parameters has to gain so many nats a parameter more (Akaike).
 _PENALTY = 1.0
 _LAGS = 5
+# Stretches of time, of so many poses at least, by which the scatter of the nuisances is judged.
+_BLOCK = 20
+_BLOCKS = 40
+# Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
+_ROUGH = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,7 +293,9 @@ def _described(
     here = found.likelihood
     count = len(NAMES)
     nuisances = nuisances.moved(here.theta[:count])
-    covariance = here.theta_covariance[:count, :count]
+    blocks = min(max(here.count // _BLOCK, 4), _BLOCKS)
+    inflation = np.maximum(here.clustered_ratio(blocks)[:count], 1.0)
+    covariance = here.theta_covariance[:count, :count] * inflation * inflation[:, None]
     white = here.innovations()
     autocorrelation = np.array(
         [
@@ -342,8 +349,8 @@ def _groups(found: Maximum) -> dict[str, dict[str, Figure]]:
         figures = {}
         for i, name in enumerate(names):
             std = float(values[i]) * float(own[i, i]) ** 0.5
-            if not np.isfinite(std) and not name.endswith("time"):
-                std = upper_limit(found, g, i)
+            if not name.endswith("time") and not std < _ROUGH * values[i]:
+                std = max(np.nan_to_num(std), upper_limit(found, g, i) - float(values[i]))
             figures[name] = Figure(float(values[i]), std)
         if found.kind is not Kind.WANDER:
             figures["long_run_drift"] = _long_run(values, own)

@@ -230,25 +230,47 @@ class Likelihood:
         )
 
     def innovations(self) -> Array:
-        """What each pose is beyond its prediction from those before, whitened; (N, 6).
+        """What each pose is beyond its prediction from those before, whitened; (N, 6)."""
+        rest = self.data.errors - self.columns @ self.theta
+        return self._whitened(rest[..., None])[..., 0]
+
+    def clustered_ratio(self, blocks: int) -> Array:
+        """Standard deviations of θ that the data show, over those that the model says; (c,).
+
+        White's estimate: the scores ``Xᵢᵀ νᵢ`` of whitened columns and innovations, summed over so
+        many stretches of time, whose sums have the information's variance where the model holds.
+        """
+        both = np.concatenate([self.columns, self.data.errors[..., None]], axis=2)
+        white = self._whitened(both)
+        columns = white[..., :-1]
+        innovation = white[..., -1] - columns @ self.theta
+        each = np.einsum("nic,ni->nc", columns, innovation)
+        edges = np.linspace(0, len(each), blocks + 1).astype(int)[:-1]
+        sums = np.add.reduceat(each, edges, axis=0)
+        spread = sums.T @ sums * (blocks / (blocks - 1.0))
+        shown = self.theta_covariance @ spread @ self.theta_covariance
+        return np.asarray(np.sqrt(np.diag(shown) / np.diag(self.theta_covariance)))
+
+    def _whitened(self, columns: Array) -> Array:
+        """Columns (N, 6, c) of what the errors hold, each less what those before it predict.
 
         The factor runs forwards: without what the next step says, row i of it holds the state
         given the poses up to i. From the rest of the data there, the prediction's.
         """
-        rest = self.data.errors - self.columns @ self.theta
-        right = np.zeros((self.count, self.size, 1))
-        right[:, :6] = self.weight @ rest[..., None]
+        right = np.zeros((self.count, self.size, columns.shape[2]))
+        right[:, :6] = self.weight @ columns
         forward = self.factor.forward(right)
         own, _ = self.factor.blocks()
         information = own @ np.swapaxes(own, 1, 2)
         f = self.transition
         information[:-1] -= np.swapaxes(f, 1, 2) @ self.process_weight @ f
-        state = np.linalg.solve(information, own @ forward)[:, :6, 0]
-        covariance = self.noise - np.linalg.inv(information)[:, :6, :6]
+        known = np.linalg.inv(information)
+        state = (known @ (own @ forward))[:, :6]
+        # The first pose of a free process is not predicted.
         first = 0 if self.kind is Kind.WANDER else 1
-        residual, covariance = (rest - state)[first:], covariance[first:]
-        noise = self.noise[first:]
-        gained = noise @ np.linalg.solve(covariance, residual[..., None])
+        noise, rest = self.noise[first:], (columns - state)[first:]
+        covariance = noise - known[first:, :6, :6]
+        gained = noise @ np.linalg.solve(covariance, rest)
         spread = noise @ np.linalg.solve(covariance, noise)
         root = np.linalg.cholesky(0.5 * (spread + np.swapaxes(spread, 1, 2)))
-        return np.asarray(np.linalg.solve(root, gained)[..., 0])
+        return np.asarray(np.linalg.solve(root, gained))
