@@ -481,3 +481,30 @@ def test_kitti(tmp_path: Path) -> None:
     )
     assert result.returncode == 0, result.stderr
     assert f"{len(seconds):,} received" in result.stdout
+
+
+def test_the_clock_that_was_set_wrongly_is_found_and_applied(
+    run: tuple[Path, Path], tmp_path: Path
+) -> None:
+    wrong = ("tum", *run, "--set", "estimate.time_offset=0.02")
+    found = evaluate(*wrong, "--output", tmp_path / "wrong")
+    assert found.returncode == 0, found.stderr
+    lines = found.stdout.splitlines()
+    assert lines[2].startswith("Error         jitter ")
+    assert lines[3].startswith("Not its fault clock -")
+    model = json.loads((tmp_path / "wrong" / "summary.json").read_text())["error_model"]
+    clock = model["clock_offset"]
+    assert abs(clock["value"] + 0.02) < 4.0 * clock["std"]
+
+    applied = evaluate(*wrong, "--apply", "clock_offset,extrinsic", "--output", tmp_path / "right")
+    assert applied.returncode == 0, applied.stderr
+    assert "Applied       clock_offset, extrinsic: ATE " in applied.stdout
+    again = json.loads((tmp_path / "right" / "summary.json").read_text())["error_model"]
+    assert abs(again["clock_offset"]["value"]) < 0.2 * again["clock_offset"]["std"]
+    assert "What kind of error" in (tmp_path / "right" / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_cannot_be_applied_is_refused(run: tuple[Path, Path]) -> None:
+    result = evaluate("tum", *run, "--apply", "clock_offset,colour")
+    assert result.returncode == 2
+    assert "'colour' is none of clock_offset, extrinsic, scale" in result.stderr

@@ -74,9 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def evaluate(arguments: argparse.Namespace) -> int:
     """Read, feed the engine, write, print."""
-    from trajeval_ros.commands import answers, figures, inputs, settings
+    from trajeval_ros.commands import figures, inputs, settings
     from trajeval_ros.files.output import FILES, OutputError, OutputFolder
-    from trajeval_ros.report import Report
+    from trajeval_ros.report import Report, answers
 
     parameters = settings.read(arguments.params, arguments.assignments)
     data = inputs.read(arguments)

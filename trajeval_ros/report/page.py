@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
-from trajeval_ros.report import words
+from trajeval_ros.report import answers, words
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import Series, make_series
 from trajeval_ros.wall import shield
@@ -89,6 +89,7 @@ def page(run: Run, say: Callable[[str], None]) -> str:
     sections = [
         f"<p class=verdict>{words.verdict(run, series)}</p>",
         _tiles(words.tiles(run, series)),
+        _answers(run),
         _notices(run),
         *_pictures(run, series, say),
         _section("Figures", _table(words.figures(run), ("", "", "what it says"))),
@@ -121,6 +122,15 @@ def _tiles(tiles: Iterable[tuple[str, str, str]]) -> str:
         for name, value, remark in tiles
     )
     return f"<div class=tiles>{cells}</div>"
+
+
+def _answers(run: Run) -> str:
+    """What kind of error it is, and what is not the estimator's fault."""
+    rows = "".join(
+        f"<tr><td>{title}</td><td>{html.escape(text)}</td></tr>"
+        for title, text in answers.sentences(run.summary.get("error_model"))
+    )
+    return _section("What kind of error", f"<table>{rows}</table>") if rows else ""
 
 
 def _notices(run: Run) -> str:

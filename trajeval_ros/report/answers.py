@@ -41,13 +41,14 @@ def _angle(figure: Figures, unit: str = "") -> str:
 
 def error_model_lines(model: Figures | None) -> list[str]:
     """Return the first lines of a result; none where nothing was fitted."""
+    return [f"{title:13} {text}" for title, text in sentences(model)]
+
+
+def sentences(model: Figures | None) -> list[tuple[str, str]]:
+    """Return what there is to say, each with its title; nothing where nothing was fitted."""
     if model is None:
         return []
-    return [
-        f"Error         {_kind(model)}",
-        f"Not its fault {_faults(model)}",
-        *_doubts(model),
-    ]
+    return [("Error", _kind(model)), ("Not its fault", _faults(model)), *_doubts(model)]
 
 
 def _kind(model: Figures) -> str:
@@ -101,24 +102,26 @@ def _faults(model: Figures) -> str:
     return f"{', '.join(found)}: {gain:.3g} nats a pose{rest}"
 
 
-def _doubts(model: Figures) -> list[str]:
-    lines = []
-    for each in model["unobserved"]:
-        lines.append(f"Not observed  {', '.join(each['of'])}: the motion does not show it")
+def _doubts(model: Figures) -> list[tuple[str, str]]:
+    found = [
+        ("Not observed", f"{', '.join(each['of'])}: the motion does not show it")
+        for each in model["unobserved"]
+    ]
     jumps = model["jumps"]
     if jumps:
         largest = max(jumps, key=lambda jump: jump["translation"])
-        lines.append(
-            f"Jumps         {len(jumps)}, the largest {1e3 * largest['translation']:.3g} mm,"
-            f" {math.degrees(largest['rotation']):.2g} deg at {largest['stamp'] * 1e-9:.3f} s"
+        found.append(
+            (
+                "Jumps",
+                f"{len(jumps)}, the largest {1e3 * largest['translation']:.3g} mm,"
+                f" {math.degrees(largest['rotation']):.2g} deg at {largest['stamp'] * 1e-9:.3f} s",
+            )
         )
     worst = max(abs(lag) for part in model["whiteness"].values() for lag in part)
     if worst > _WHITE:
-        lines.append(
-            "Doubt         errors are correlated beyond the model"
-            f" (by {worst:.2f}): the ± are too small"
-        )
-    return lines
+        text = f"errors are correlated beyond the model (by {worst:.2f}): the ± are too small"
+        found.append(("Doubt", text))
+    return found
 
 
 def applied_lines(before: Figures | None, after: Figures, names: tuple[str, ...]) -> list[str]:
