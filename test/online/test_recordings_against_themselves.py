@@ -114,6 +114,8 @@ def test_a_thinned_recording_against_itself(name: str, rate: float) -> None:
     parts = [summary["absolute"], summary["window"]["relative"], summary["window"]["absolute"]]
     for part in parts if name == LONG else [*parts, summary["relative"]]:
         assert part["chi2_per_dof"] < 1.5
+    if name != LONG:
+        assert "noise_grows" not in [fault["code"] for fault in summary["ground_truth"]["faults"]]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -116,11 +116,14 @@ class Fits:
 
 
 def _white(epoch: Epoch) -> tuple[float, float]:
-    """The noise that is not tied to the motion, of translation and rotation."""
+    """The noise that is not tied to the motion, with the instrument's, of translation and rotation.
+
+    Below the instrument's accuracy no growth of it matters.
+    """
     if epoch.process.learned is None:
         return _noise(epoch.process)
     translation, rotation = (
-        float(np.exp(regime.of(learned.theta)[-1]))
+        float(np.hypot(np.exp(regime.of(learned.theta)[-1]), learned.accuracy))
         for learned, regime in zip(epoch.process.learned, epoch.regimes, strict=True)
     )
     return translation, rotation
