@@ -55,6 +55,7 @@ def make_rows(count: int, seed: int = 0) -> Evaluations:
         log_det=generator.normal(size=count),
         log_likelihood=generator.normal(size=count),
         relative_log_likelihood=generator.normal(size=count),
+        sampled=np.ones(count, dtype=bool),
     )
 
 

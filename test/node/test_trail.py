@@ -20,7 +20,9 @@ def evaluations(first: int, count: int) -> Evaluations:
     stamps = np.arange(first, first + count, dtype=np.int64)
     zeros = np.zeros(count)
     errors = np.zeros((count, 6))
-    return Evaluations(stamps, poses, covariance, poses, errors, errors, zeros, zeros, zeros, zeros)
+    sampled = np.ones(count, dtype=bool)
+    four = (zeros, zeros, zeros, zeros)
+    return Evaluations(stamps, poses, covariance, poses, errors, errors, *four, sampled)
 
 
 @given(chunks=st.lists(st.integers(0, 60), max_size=30))

@@ -250,6 +250,7 @@ def test_page_of_a_long_run_is_bounded() -> None:
                 -70 * ones,
                 -30 * ones,
                 -30 * np.cumsum(ones),
+                ones > 0,
             ),
             (),
             -30.0 * count,

@@ -31,6 +31,7 @@ def make_poses(count: int) -> Evaluations:
         log_det=generator.normal(size=count),
         log_likelihood=generator.normal(size=count),
         relative_log_likelihood=generator.normal(size=count).cumsum(),
+        sampled=np.ones(count, dtype=bool),
     )
 
 

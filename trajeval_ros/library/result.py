@@ -40,6 +40,8 @@ class Poses:
             the first.
         chi2: (M,) of that step, given the past.
         log_likelihood: (M,) of that step, given the past, nats; they sum to `relative`'s.
+        sampled: (M,) where the ground truth was sampled as usual, not in a gap: what conventional
+            figures and comparisons are of.
     """
 
     stamps: Stamps
@@ -49,6 +51,7 @@ class Poses:
     relative_error: Array
     chi2: Array
     log_likelihood: Array
+    sampled: npt.NDArray[np.bool_]
 
     @classmethod
     def of(cls, parts: Sequence[Evaluations]) -> Poses:

@@ -98,6 +98,7 @@ class Evaluation:
             _padded(steps.log_det, first, 0.0),
             log_likelihood,
             before + np.cumsum(log_likelihood),
+            sampled,
         )
 
     @property

@@ -17,6 +17,7 @@ from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 Level = Literal["info", "warning", "error"]
 
 
@@ -30,7 +31,9 @@ class Evaluations:
     the step that ends at each pose, m and rad, body frame, a row of NaN for the first pose of a
     run, which ends none; ``absolute_error`` (M, 6) under ``Results.alignment``; ``chi2``,
     ``log_det`` and ``log_likelihood`` (M,) of that step given the past, 0 for the first pose;
-    ``relative_log_likelihood`` (M,) summed up to each pose, nats.
+    ``relative_log_likelihood`` (M,) summed up to each pose, nats;
+    ``sampled`` (M,) where the ground truth was sampled as usual, not in a gap: what the
+    conventional figures, which know no uncertainty, are of.
     """
 
     stamps: Stamps
@@ -43,6 +46,7 @@ class Evaluations:
     log_det: Array
     log_likelihood: Array
     relative_log_likelihood: Array
+    sampled: Mask
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -60,6 +64,7 @@ NO_EVALUATIONS = Evaluations(
     np.empty(0),
     np.empty(0),
     np.empty(0),
+    np.empty(0, dtype=np.bool_),
 )
 
 
