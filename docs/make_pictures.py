@@ -28,10 +28,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from trajeval_ros.commands.scoring import samples
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
+from trajeval_ros.runs.offline import samples
 
 Array = npt.NDArray[np.float64]
 

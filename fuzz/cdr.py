@@ -13,8 +13,8 @@ from rclpy.serialization import serialize_message
 from fuzz import oracle
 from fuzz.text import SECOND, Track, corrupted, damaged, good_run
 from trajeval_ros.node.decode import POSE_TYPES, PoseType, decode
-from trajeval_ros.node.session import UNDECODABLE, Session
 from trajeval_ros.online.parameters import complete
+from trajeval_ros.runs.session import UNDECODABLE, Session
 
 _TOPICS = ("ground_truth", "estimate")
 Stream = tuple[PoseType, list[bytes]]

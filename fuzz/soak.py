@@ -28,9 +28,9 @@ from fuzz.oracle import Failure, check_accounts, require
 from trajeval_ros import se3
 from trajeval_ros.commands.console import Progress
 from trajeval_ros.files.output import OutputError
-from trajeval_ros.node.session import Session
 from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.runs.session import Session
 
 Array = npt.NDArray[np.float64]
 SECOND = 1_000_000_000

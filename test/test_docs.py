@@ -19,8 +19,9 @@ from types import ModuleType
 import pytest
 
 from trajeval_ros.commands import demo, evaluate, replay, settings, simulate
+from trajeval_ros.commands.inputs import names_of
 from trajeval_ros.online.accounting import Reason
-from trajeval_ros.online.parameters import PARAMETERS, complete
+from trajeval_ros.online.parameters import ONE, PARAMETERS, complete
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -234,7 +235,8 @@ def check_ours(words: list[str]) -> None:
             arguments: argparse.Namespace = PARSERS[words[0]]().parse_args(ours)
         except SystemExit:
             pytest.fail(complaint.getvalue())
-    settings.read(None, getattr(arguments, "assignments", []))
+    names = names_of(arguments.estimate) if words[0] == "evaluate" else ONE
+    settings.read(None, getattr(arguments, "assignments", []), names)
 
 
 @pytest.mark.parametrize(("page", "words"), ALL, ids=lambda value: str(value)[:60])

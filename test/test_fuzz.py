@@ -16,7 +16,7 @@ import pytest
 from fuzz import __main__ as entry
 from fuzz import oracle, soak
 from trajeval_ros.commands import evaluate
-from trajeval_ros.node.session import Session
+from trajeval_ros.runs.session import Session
 
 SEED = 1
 NEEDS = {"bags": "rosbags", "cdr": "rclpy"}

@@ -17,9 +17,9 @@ import pytest
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import evaluator
 from trajeval_ros.node.clock import StampClock
-from trajeval_ros.node.session import Session
 from trajeval_ros.online.parameters import ParameterError, complete
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.runs.session import Session
 
 YEAR = 365 * 86_400 * data.SECOND
 SOURCES = {"ground truth": "/ground_truth", "estimate": "/estimate"}

@@ -12,7 +12,6 @@ import pytest
 
 from trajeval_ros import se3
 from trajeval_ros.commands.simulation import simulate
-from trajeval_ros.node.session import UNDECODABLE
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
@@ -21,6 +20,7 @@ from trajeval_ros.online.results import Evaluations, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report, words
 from trajeval_ros.report.series import make_series, vertical_axis
+from trajeval_ros.runs.session import UNDECODABLE
 
 SECTIONS = [
     "Trajectory",

@@ -5,15 +5,14 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 from trajeval_ros.commands import console
 
 DESCRIPTION = """\
-Score an estimated trajectory against ground truth, from files. Reference first, estimate second.
+Score estimated trajectories against one ground truth, from files. Reference first, then one
+estimate or several.
 The figures are those of the node evaluator on the same data."""
 
 _APPLICABLE = ("clock_offset", "extrinsic", "scale")
@@ -33,7 +32,7 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    inputs.add_formats(parser, _add_options)
+    inputs.add_formats(parser, _add_options, several=True)
     return parser
 
 
@@ -46,7 +45,6 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="write summary.json, poses.csv and report.html to this folder",
     )
-
     parser.add_argument(
         "--apply",
         metavar="WHAT",
@@ -74,65 +72,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def evaluate(arguments: argparse.Namespace) -> int:
     """Read, feed the engine, write, print."""
-    from trajeval_ros.commands import figures, inputs, settings
-    from trajeval_ros.files.output import FILES, OutputError, OutputFolder
-    from trajeval_ros.report import Report, answers
+    from trajeval_ros.commands import inputs, settings
 
-    parameters = settings.read(arguments.params, arguments.assignments)
+    names = inputs.names_of(arguments.estimate)
+    parameters = settings.read(arguments.params, arguments.assignments, names)
     data = inputs.read(arguments)
-    inputs.check_overlap(data, float(parameters["estimate.time_offset"]))  # type: ignore[arg-type]
+    for name, estimate in zip(data.names, data.estimates, strict=True):
+        offset = parameters[f"{name}.time_offset"]
+        inputs.check_overlap(data.ground_truth, estimate, float(offset))  # type: ignore[arg-type]
     # Only now, so that wrong usage and bad files are known at once: this brings in SciPy.
     from trajeval_ros.commands import scoring
 
-    sources = {"ground truth": data.ground_truth.source, "estimate": data.estimate.source}
-    output = arguments.output or parameters["output.directory"]
-    before: dict[str, Any] | None = None
-    if arguments.apply:
-        before, _ = scoring.score(data, parameters, Report(parameters, sources), None)
-        data, parameters = scoring.corrected(data, parameters, before, arguments.apply)
-    report = Report(parameters, sources)
-    failures: dict[str, str] = {}
-    full = ""
-    with contextlib.ExitStack() as stack:
-        folder = None
-        try:
-            folder = stack.enter_context(OutputFolder(str(output))) if output else None
-        except OutputError as error:
-            if not error.full:
-                raise console.CommandError(str(error)) from error
-            full = str(error)
-        summary, places = scoring.score(data, parameters, report, folder)
-        try:
-            if output and folder is None:
-                # There may be room by now: not for the rows, which are gone.
-                folder = stack.enter_context(OutputFolder(str(output)))
-                folder.lack(summary["estimate"]["evaluated"], full)
-            if folder is not None:
-                folder.write(summary, report.render, last=True)
-        except OutputError as error:
-            failures = error.failures or dict.fromkeys(FILES, str(error))
-
-    print(f"{sources['estimate']} against {sources['ground truth']}\n")
-    lines = answers.error_model_lines(summary.get("error_model"))
-    lines += answers.applied_lines(before, summary, arguments.apply)
-    print("\n".join([*lines, ""] if lines else []))
-    print("\n".join(figures.summary_lines(summary, parameters)))
-    remarks = [
-        f"likely cause: {cause['text']}. To try: {cause['advice']}."
-        for cause in summary["likely_causes"]
-    ]
-    remarks += [f"{notice.level}: {notice.text}" for notice in report.notices]
-    remarks += places
-    remarks += [f"error: {line}" for line in report.defects]
-    if remarks:
-        print("\n" + "\n".join(remarks))
-    written = [name for name in FILES if name not in failures]
-    if folder is not None and written:
-        print(f"\nWritten: {', '.join(written)} in {folder.path}")
-    sys.stdout.flush()
-    for line in dict.fromkeys(failures.values()):
-        console.fail("evaluate", line, console.NOT_EVALUATED)
-    return console.NOT_EVALUATED if failures else console.DONE
+    output = arguments.output or str(parameters["output.directory"])
+    return scoring.score(data, parameters, output, arguments.apply)
 
 
 if __name__ == "__main__":

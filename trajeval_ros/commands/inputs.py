@@ -5,8 +5,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import itertools
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import NoReturn
 
 from trajeval_ros.commands.console import CommandError, Progress, UsageError
@@ -18,31 +21,46 @@ SECOND = 1_000_000_000
 
 @dataclass(frozen=True)
 class Inputs:
-    """Ground truth and estimate as read."""
+    """Ground truth and estimates as read; ``names`` (n,) of the estimates."""
 
     ground_truth: Trajectory
-    estimate: Trajectory
+    estimates: tuple[Trajectory, ...]
+    names: tuple[str, ...]
+
+    @property
+    def estimate(self) -> Trajectory:
+        """The only estimate."""
+        (estimate,) = self.estimates
+        return estimate
 
 
 def add_formats(
-    parser: argparse.ArgumentParser, add_options: Callable[[argparse.ArgumentParser], None]
+    parser: argparse.ArgumentParser,
+    add_options: Callable[[argparse.ArgumentParser], None],
+    *,
+    several: bool = False,
 ) -> None:
-    """Declare one sub-command a format; ``add_options`` declares what they share."""
+    """Declare one sub-command a format; ``add_options`` declares what they share.
+
+    ``several``: whether more than one estimate may be named.
+    """
     formats = parser.add_subparsers(dest="format", metavar="FORMAT", required=True)
     tum = formats.add_parser(
         "tum", help="TUM files: stamp[s] tx ty tz qx qy qz qw", allow_abbrev=False
     )
-    _add_files(tum, "GROUND_TRUTH", "ESTIMATE")
+    _add_files(tum, "GROUND_TRUTH", "ESTIMATE", several)
     euroc = formats.add_parser(
         "euroc",
         help="EuRoC ground truth (csv, ns, w x y z) and an estimate in TUM's format",
         allow_abbrev=False,
     )
-    _add_files(euroc, "GROUND_TRUTH.csv", "ESTIMATE (TUM's format; EuRoC's where it ends in .csv)")
+    _add_files(
+        euroc, "GROUND_TRUTH.csv", "ESTIMATE (TUM's format; EuRoC's where it ends in .csv)", several
+    )
     kitti = formats.add_parser(
         "kitti", help="KITTI files: the twelve numbers of 3x4 matrices", allow_abbrev=False
     )
-    _add_files(kitti, "GROUND_TRUTH", "ESTIMATE")
+    _add_files(kitti, "GROUND_TRUTH", "ESTIMATE", several)
     kitti.add_argument("--times", required=True, metavar="TIMES", help="the stamps, one a row, s")
     bag = formats.add_parser(
         "bag",
@@ -50,17 +68,25 @@ def add_formats(
         allow_abbrev=False,
     )
     bag.add_argument("bag", metavar="BAG", help="file or folder; without topics: lists them")
-    for option in ("ground-truth", "estimate"):
-        bag.add_argument(
-            f"--{option}", metavar="TOPIC", help="a topic, or /tf:PARENT.CHILD for a transform"
-        )
+    topic = "a topic, or /tf:PARENT.CHILD for a transform"
+    bag.add_argument("--ground-truth", metavar="TOPIC", help=topic)
+    bag.add_argument(
+        "--estimate",
+        metavar="TOPIC",
+        action="append",
+        default=[],
+        help=topic + ("; repeat it for several estimates" if several else ""),
+    )
     for each in (tum, euroc, kitti, bag):
+        each.set_defaults(command_of_one=not several)
         add_options(each)
 
 
-def _add_files(parser: argparse.ArgumentParser, ground_truth: str, estimate: str) -> None:
+def _add_files(
+    parser: argparse.ArgumentParser, ground_truth: str, estimate: str, several: bool
+) -> None:
     parser.add_argument("ground_truth", metavar="GROUND_TRUTH", help=ground_truth)
-    parser.add_argument("estimate", metavar="ESTIMATE", help=estimate)
+    parser.add_argument("estimate", metavar="ESTIMATE", help=estimate, nargs="+" if several else 1)
 
 
 def read(arguments: argparse.Namespace) -> Inputs:
@@ -80,35 +106,68 @@ def read(arguments: argparse.Namespace) -> Inputs:
 def _read_tum(arguments: argparse.Namespace) -> Inputs:
     from trajeval_ros.files.tum import read_tum
 
-    return Inputs(read_tum(arguments.ground_truth), read_tum(arguments.estimate))
+    return _inputs(arguments.estimate, read_tum(arguments.ground_truth), read_tum)
 
 
 def _read_euroc(arguments: argparse.Namespace) -> Inputs:
     from trajeval_ros.files.euroc import read_euroc
     from trajeval_ros.files.tum import read_tum
 
-    read_estimate = read_euroc if arguments.estimate.lower().endswith(".csv") else read_tum
-    return Inputs(read_euroc(arguments.ground_truth), read_estimate(arguments.estimate))
+    def read_estimate(path: str) -> Trajectory:
+        return (read_euroc if path.lower().endswith(".csv") else read_tum)(path)
+
+    return _inputs(arguments.estimate, read_euroc(arguments.ground_truth), read_estimate)
 
 
 def _read_kitti(arguments: argparse.Namespace) -> Inputs:
     from trajeval_ros.files.kitti import read_kitti
 
-    return Inputs(
-        read_kitti(arguments.ground_truth, arguments.times),
-        read_kitti(arguments.estimate, arguments.times),
-    )
+    def read_file(path: str) -> Trajectory:
+        return read_kitti(path, arguments.times)
+
+    return _inputs(arguments.estimate, read_file(arguments.ground_truth), read_file)
 
 
 def _read_bag(arguments: argparse.Namespace) -> Inputs:
     from trajeval_ros.files.bag import read_bag
 
-    topics = (arguments.ground_truth, arguments.estimate)
+    topics = (arguments.ground_truth, *arguments.estimate)
+    if arguments.command_of_one and len(topics) > 2:
+        raise UsageError("one --estimate is enough")
     with Progress("reading", 0, "messages") as progress:
-        if None in topics:
+        if arguments.ground_truth is None or not arguments.estimate:
             _list_candidates(arguments.bag, progress)
-        ground_truth, estimate = read_bag(arguments.bag, topics, progress.update)
-    return Inputs(ground_truth, estimate)
+        ground_truth, *estimates = read_bag(arguments.bag, topics, progress.update)
+    return Inputs(ground_truth, tuple(estimates), names_of(arguments.estimate))
+
+
+def _inputs(
+    paths: Sequence[str], ground_truth: Trajectory, read_estimate: Callable[[str], Trajectory]
+) -> Inputs:
+    return Inputs(ground_truth, tuple(map(read_estimate, paths)), names_of(paths))
+
+
+def names_of(paths: Sequence[str]) -> tuple[str, ...]:
+    """Return a name in snake_case for each of several files or topics, by what they are called.
+
+    One is ``estimate``, whatever it is called; files of the same name are told apart by their
+    folders.
+    """
+    from trajeval_ros.online.parameters import ONE, is_taken
+
+    if len(paths) <= 1:
+        return ONE
+    stems = [PurePath(path).stem for path in paths]
+    told_apart = len(set(stems)) == len(stems)
+    sources = stems if told_apart else [str(PurePath(path).with_suffix("")) for path in paths]
+    names: list[str] = []
+    for source in sources:
+        name = re.sub(r"[^a-z0-9]+", "_", source.lower()).strip("_") or ONE[0]
+        if not name[0].isalpha() or is_taken(name):
+            name = f"{ONE[0]}_{name}"
+        numbered = (f"{name}_{number}" for number in itertools.count(2))
+        names.append(name if name not in names else next(n for n in numbered if n not in names))
+    return tuple(names)
 
 
 def _list_candidates(bag: str, progress: Progress) -> NoReturn:
@@ -135,7 +194,7 @@ _READERS: dict[str, Callable[[argparse.Namespace], Inputs]] = {
 }
 
 
-def check_overlap(inputs: Inputs, time_offset: float) -> None:
+def check_overlap(ground_truth: Trajectory, estimate: Trajectory, time_offset: float) -> None:
     """Refuse trajectories that have no time in common.
 
     Raises
@@ -143,7 +202,6 @@ def check_overlap(inputs: Inputs, time_offset: float) -> None:
     CommandError
         Names both ranges.
     """
-    ground_truth, estimate = inputs.ground_truth, inputs.estimate
     for trajectory in (ground_truth, estimate):
         if len(trajectory) == 0:
             raise CommandError(f"{trajectory.source}: no row has a finite stamp")

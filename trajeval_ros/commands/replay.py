@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def replay(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
     """Read the data, and publish it."""
     data = inputs.read(arguments)
-    inputs.check_overlap(data, arguments.time_offset)
+    inputs.check_overlap(data.ground_truth, data.estimate, arguments.time_offset)
     try:
         from trajeval_ros.commands.player import Player
     except ImportError as error:

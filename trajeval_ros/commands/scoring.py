@@ -1,211 +1,212 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two trajectories through the engine, as fast as it goes."""
+"""What ``evaluate`` does once all is read: score, write, print."""
 
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
+import json
+import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
-from trajeval_ros import se3
-from trajeval_ros.alignment.gauge import GAUGES
-from trajeval_ros.alignment.umeyama import Gauge
+from trajeval_ros.commands import console, figures
 from trajeval_ros.commands.console import CommandError, Progress
-from trajeval_ros.commands.inputs import SECOND, Inputs
-from trajeval_ros.error_model.fit import fit
-from trajeval_ros.error_model.named import named
-from trajeval_ros.files.output import OutputError, OutputFolder
+from trajeval_ros.commands.inputs import Inputs
+from trajeval_ros.comparison.compare import Comparison
+from trajeval_ros.comparison.words import sentence
+from trajeval_ros.files.output import FILES, OutputError, OutputFolder
 from trajeval_ros.files.trajectory import Trajectory
-from trajeval_ros.online.accounting import Reason
-from trajeval_ros.online.engine import Engine
-from trajeval_ros.online.feed import feed
-from trajeval_ros.online.results import Evaluations, Results, TopicHealth
-from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.online.summary import whole_run
-from trajeval_ros.report import Report
+from trajeval_ros.online.parameters import Value, of_estimate
+from trajeval_ros.online.settings import settings_of
+from trajeval_ros.report import Report, answers
+from trajeval_ros.runs import offline
+from trajeval_ros.runs.corrections import corrected
+from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.wall import shield
-
-Figures = dict[str, Any]
-
-_NON_FINITE = str(Reason.NON_FINITE)
-
-# So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it. The
-# report has a point of the running absolute error a chunk, so for it there are as many as this.
-_CHUNK = 40_000_000_000
-_POINTS = 120
-# The error model asks the ground truth anew at every offset of the clocks that it tries, so the
-# whole of it is kept, some kilobytes a sample. More samples than this are not.
-_MOST_SAMPLES = 500_000
 
 
 def score(
-    data: Inputs,
-    parameters: Mapping[str, Any],
-    report: Report,
-    folder: OutputFolder | None,
-) -> tuple[Figures, list[str]]:
-    """Feed the engine in the order of time; return the summary, and where rejected poses stand.
+    data: Inputs, parameters: Mapping[str, Value], output: str, apply: Sequence[str] = ()
+) -> int:
+    """Score every estimate, write what is to be written to ``output``, print; return the exit code.
 
-    Raises
-    ------
-    CommandError
-        If not a single estimate could be evaluated; says why.
+    ``apply``: what the error model finds is set, and all is scored again. With several estimates,
+    each has a folder of its name in ``output``, and the summary of all lies beside them.
     """
-    truth, estimate = data.ground_truth, data.estimate
-    whole = len(truth) <= _MOST_SAMPLES and parameters["likelihood.covariance"] != "joint"
-    engine = Engine(parameters, whole=whole)
-    poses = WholeRun()
-    chunk = _CHUNK
-    if folder is not None:
-        chunk = min(max(int(np.ptp(estimate.stamps)) // _POINTS, SECOND), _CHUNK)
-    with Progress("evaluating", len(estimate), "poses") as progress:
-        done = 0
-        for results in feed(engine, samples(truth), samples(estimate), chunk):
-            report.add(results)
-            poses.add(results)
-            if folder is not None:
-                # The folder says at the end what it has not got.
-                with contextlib.suppress(OutputError):
-                    folder.add(results.evaluations)
-            done += len(results.evaluations.stamps)
-            progress.update(done)
-    report.notices = engine.notices()
-    report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
-    summary: Figures = engine.summary()
-    _count_unstamped(summary["estimate"], estimate)
-    _count_unstamped(summary["ground_truth"], truth)
-    if not summary["estimate"]["evaluated"]:
-        rejected = {**summary["estimate"]["rejected"]}
-        reasons = ", ".join(f"{count:,} {reason}" for reason, count in rejected.items() if count)
-        raise CommandError(
-            f"{estimate.source}: none of its {len(estimate):,} poses could be evaluated"
-            + (f" ({reasons})" if reasons else "")
-        )
-    summary = poses.complete(summary, parameters["gauge"])
-    if whole:
-        lack: dict[str, Figures] = {}
-        found = shield(
-            "the error model", lambda: _models(engine, poses, parameters), lack, report.say
-        )
-        for name, model in found.items():
-            (summary if name == "run" else summary[name])["error_model"] = model
-    summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
-    none: list[str] = []
-    places = shield("the list of rejected rows", lambda: _places(engine, data), none, report.say)
-    return summary, places
+    failures: list[str] = []
+    before: Mapping[str, Scored] = {}
+    if apply:
+        before = _found(data, parameters, _records(data, parameters))
+        data, parameters = _corrected(data, parameters, before, apply)
+    with contextlib.ExitStack() as stack:
+        runs = {
+            name: _Run(name, data, parameters, _place(data, output, name), stack)
+            for name in data.names
+        }
+        scorings = {name: run.scoring for name, run in runs.items()}
+        found = _found(data, parameters, scorings)
+        for name, run in runs.items():
+            try:
+                _require_poses(found[name], scorings[name].estimate)
+            except CommandError as error:
+                # One of several costs itself alone.
+                if len(runs) == 1:
+                    raise
+                failures.append(str(error))
+            run.write(found[name])
+        comparisons: tuple[Comparison, ...] = ()
+        if len(runs) > 1:
+            none: list[str] = []
+            comparisons = shield(
+                "the comparison",
+                lambda: offline.compared(found, settings_of(parameters, data.names).evaluation),
+                (),
+                none.append,
+            )
+            failures += none
+        if len(runs) > 1 and output:
+            failures += _write_together(Path(output).expanduser(), found, comparisons)
+    for number, (name, run) in enumerate(runs.items()):
+        if number:
+            print()
+        run.say(found[name], before.get(name), apply)
+        failures += dict.fromkeys(run.failures.values())
+    if comparisons:
+        print("\nCompared, each with each\n")
+        print("\n".join(f"{sentence(comparison)}." for comparison in comparisons))
+    if len(runs) > 1 and output:
+        print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
+    sys.stdout.flush()
+    for line in dict.fromkeys(failures):
+        console.fail("evaluate", line, console.NOT_EVALUATED)
+    return console.NOT_EVALUATED if failures else console.DONE
 
 
-def corrected(
-    data: Inputs, parameters: Mapping[str, Any], summary: Figures, names: Sequence[str]
-) -> tuple[Inputs, dict[str, Any]]:
-    """The inputs and parameters with what the error model of ``summary`` has found set.
-
-    Raises
-    ------
-    CommandError
-        If there is no error model.
-    """
-    model = summary.get("error_model")
-    if model is None:
-        raise CommandError("--apply: no error model could be fitted")
-    values = dict(parameters)
-    estimate = data.estimate
-    if "clock_offset" in names:
-        values["estimate.time_offset"] += model["clock_offset"]["value"]
-    if "extrinsic" in names:
-        known, found = (
-            se3.from_position_quaternion(pose[:3], pose[3:])
-            for pose in (values["extrinsic"], model["extrinsic"]["pose"])
-        )
-        position, quaternion = se3.to_position_quaternion(found @ known)
-        values["extrinsic"] = [*position.tolist(), *quaternion.tolist()]
-    if "scale" in names:
-        scaled = estimate.positions * model["scale"]["value"]
-        estimate = replace(estimate, positions=scaled)
-    return replace(data, estimate=estimate), values
-
-
-def _models(engine: Engine, poses: WholeRun, parameters: Mapping[str, Any]) -> dict[str, Figures]:
-    """The error models of the ``run`` and of its ``window``, where there are enough poses."""
-    offset = round(parameters["estimate.time_offset"] * SECOND)
-    stamps, estimate = poses.trajectory
-    stamps = stamps + offset
-    last = stamps >= stamps[-1] - round(parameters["window.duration"] * SECOND)
-    found = {"run": fit(stamps, estimate, engine.truth)}
-    found["window"] = (
-        found["run"] if last.all() else fit(stamps[last], estimate[last], engine.truth)
-    )
-    return {name: named(model) for name, model in found.items() if model is not None}
-
-
-def _places(engine: Engine, data: Inputs) -> list[str]:
-    health = engine.health()
-    places = _where_to_look("estimate", data.estimate, health.estimate)
-    return places + _where_to_look("ground truth", data.ground_truth, health.ground_truth)
-
-
-def samples(trajectory: Trajectory) -> PoseSamples:
-    """Return the poses as the engine takes them."""
-    return PoseSamples(
-        trajectory.stamps, trajectory.positions, trajectory.quaternions, trajectory.covariances
+def _require_poses(scored: Scored, estimate: Trajectory) -> None:
+    """Refuse an estimate of which not a single pose could be evaluated; say why."""
+    counts = scored.summary["estimate"]
+    if counts["evaluated"]:
+        return
+    reasons = ", ".join(f"{n:,} {reason}" for reason, n in counts["rejected"].items() if n)
+    raise CommandError(
+        f"{estimate.source}: none of its {len(estimate):,} poses could be evaluated"
+        + (f" ({reasons})" if reasons else "")
     )
 
 
-def _count_unstamped(counts: Figures, trajectory: Trajectory) -> None:
-    """Account for the rows whose stamp is not a number, which the engine cannot be given."""
-    count = len(trajectory.non_finite_stamp_rows)
-    if count:
-        counts["received"] += count
-        counts["rejected"][_NON_FINITE] = counts["rejected"].get(_NON_FINITE, 0) + count
+def _records(data: Inputs, parameters: Mapping[str, Value]) -> dict[str, Scoring]:
+    """Every estimate with a record that nobody reads."""
+    return {
+        name: Scoring(estimate, Report(of_estimate(parameters, name), {}))
+        for name, estimate in zip(data.names, data.estimates, strict=True)
+    }
 
 
-class WholeRun:
-    """Every evaluated pose of a run, for the one figure that needs them all at once."""
-
-    def __init__(self) -> None:
-        self._poses: list[Evaluations] = []
-        self._cross: list[npt.NDArray[np.float64]] = []
-
-    def add(self, results: Results) -> None:
-        """Keep the poses."""
-        self._poses.append(results.evaluations)
-        self._cross.extend(results.cross)
-
-    @property
-    def trajectory(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """The estimate's stamps (N,), on its own clock, and its poses (N, 4, 4)."""
-        return (
-            np.concatenate([poses.stamps for poses in self._poses]),
-            np.concatenate([poses.estimate for poses in self._poses]),
-        )
-
-    def complete(self, summary: Figures, gauge: Gauge) -> Figures:
-        """Return the summary with the nonlinear absolute log-likelihood over all poses."""
-        return whole_run(
-            summary,
-            np.concatenate([poses.ground_truth for poses in self._poses]),
-            np.concatenate([poses.covariance for poses in self._poses]),
-            np.concatenate([poses.estimate for poses in self._poses]),
-            GAUGES[gauge],
-            tuple(self._cross),
-        )
+def _found(
+    data: Inputs, parameters: Mapping[str, Value], scorings: Mapping[str, Scoring]
+) -> dict[str, Scored]:
+    with Progress("evaluating", sum(map(len, data.estimates)), "poses") as progress:
+        return offline.score(parameters, data.ground_truth, scorings, progress.update)
 
 
-def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> list[str]:
-    """Return a line for each reason of rejection that has a first row in the file."""
-    rejected = Counter(health.rejected)
-    rows = {reason: int(trajectory.rows[place]) for reason, place in health.first_rejected.items()}
-    unstamped = trajectory.non_finite_stamp_rows
-    if len(unstamped):
-        rejected[_NON_FINITE] += len(unstamped)
-        rows[_NON_FINITE] = min(int(unstamped[0]), rows.get(_NON_FINITE, int(unstamped[0])))
-    return [
-        f"{title}: {rejected[reason]:,} {reason}, the first in {trajectory.where(row)}"
-        for reason, row in rows.items()
-    ]
+def _corrected(
+    data: Inputs, parameters: Mapping[str, Value], found: Mapping[str, Scored], what: Sequence[str]
+) -> tuple[Inputs, dict[str, Value]]:
+    """The inputs and parameters with what the error models have found set."""
+    values, estimates = dict(parameters), []
+    settings = settings_of(parameters, data.names).estimates
+    for name, estimate in zip(data.names, data.estimates, strict=True):
+        model = found[name].summary.get("error_model")
+        if model is None:
+            _require_poses(found[name], estimate)
+            which = f" to {name}" if len(data.names) > 1 else ""
+            raise CommandError(f"--apply: no error model could be fitted{which}")
+        right, values = corrected(estimate, name, settings[name], values, model, what)
+        estimates.append(right)
+    return replace(data, estimates=tuple(estimates)), values
+
+
+def _place(data: Inputs, output: str, name: str) -> str:
+    """The folder of an estimate's own, as it was named; empty where nothing is to be written."""
+    return str(Path(output) / name) if output and len(data.names) > 1 else output
+
+
+def _write_together(
+    folder: Path, found: Mapping[str, Scored], comparisons: Sequence[Comparison]
+) -> list[str]:
+    """Write the summary of several estimates; return what went wrong."""
+    try:
+        text = json.dumps(offline.together(found, comparisons), indent=2, allow_nan=False)
+        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        return [f"cannot write {folder / 'summary.json'}: {error.strerror or error}"]
+    return []
+
+
+class _Run:
+    """An estimate with its records."""
+
+    def __init__(
+        self,
+        name: str,
+        data: Inputs,
+        parameters: Mapping[str, Value],
+        output: str,
+        stack: contextlib.ExitStack,
+    ) -> None:
+        estimate = data.estimates[data.names.index(name)]
+        self._sources = {"ground truth": data.ground_truth.source, "estimate": estimate.source}
+        self._parameters = of_estimate(parameters, name)
+        self._title = f"{name}: " if len(data.names) > 1 else ""
+        self._output = output
+        self._stack = stack
+        self._folder: OutputFolder | None = None
+        self._full = ""
+        self.failures: dict[str, str] = {}
+        try:
+            self._folder = stack.enter_context(OutputFolder(output)) if output else None
+        except OutputError as error:
+            if not error.full:
+                raise CommandError(str(error)) from error
+            self._full = str(error)
+        report = Report(self._parameters, self._sources)
+        self.scoring = Scoring(estimate, report, self._folder)
+
+    def write(self, scored: Scored) -> None:
+        """Write the output folder, if there is to be one."""
+        try:
+            if self._output and self._folder is None:
+                # There may be room by now: not for the rows, which are gone.
+                self._folder = self._stack.enter_context(OutputFolder(self._output))
+                self._folder.lack(scored.summary["estimate"]["evaluated"], self._full)
+            if self._folder is not None:
+                self._folder.write(scored.summary, self.scoring.report.render, last=True)
+        except OutputError as error:
+            self.failures = error.failures or dict.fromkeys(FILES, str(error))
+
+    def say(self, scored: Scored, before: Scored | None, applied: Sequence[str]) -> None:
+        """Print the figures and what there is to say of them.
+
+        ``before`` what was ``applied``, if anything was.
+        """
+        report = self.scoring.report
+        print(f"{self._title}{self._sources['estimate']} against {self._sources['ground truth']}\n")
+        lines = answers.error_model_lines(scored.summary.get("error_model"))
+        earlier = None if before is None else before.summary
+        lines += answers.applied_lines(earlier, scored.summary, tuple(applied))
+        print("\n".join([*lines, ""] if lines else []))
+        print("\n".join(figures.summary_lines(scored.summary, self._parameters)))
+        remarks = [
+            f"likely cause: {cause['text']}. To try: {cause['advice']}."
+            for cause in scored.summary["likely_causes"]
+        ]
+        remarks += [f"{notice.level}: {notice.text}" for notice in report.notices]
+        remarks += scored.places
+        remarks += [f"error: {line}" for line in report.defects]
+        if remarks:
+            print("\n" + "\n".join(remarks))
+        written = [name for name in FILES if name not in self.failures]
+        if self._folder is not None and written:
+            print(f"\nWritten: {', '.join(written)} in {self._folder.path}")

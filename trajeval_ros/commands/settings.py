@@ -6,17 +6,20 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from trajeval_ros.commands.console import UsageError
 from trajeval_ros.online.parameters import (
+    ONE,
     PARAMETERS,
+    Parameter,
     ParameterError,
     Value,
     complete,
     is_of_ros,
+    table,
 )
 
 _NODE = "evaluator"
@@ -40,35 +43,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def read(params: str | None, assignments: Iterable[str]) -> dict[str, Value]:
+def read(
+    params: str | None, assignments: Iterable[str], names: Sequence[str] = ONE
+) -> dict[str, Value]:
     """Return every parameter's value: assignments over the file over the defaults.
+
+    ``names``: of the estimates.
 
     Raises
     ------
     UsageError
         For an unknown parameter, a value of the wrong type or out of range, by name.
     """
+    known = table(names)
     values: dict[str, object] = {}
     if params is not None:
-        values |= read_file(Path(params))
+        values |= read_file(Path(params), known)
     for assignment in assignments:
-        name, value = parse_assignment(assignment)
+        name, value = parse_assignment(assignment, known)
         values[name] = value
     try:
-        return complete(values)
+        return complete(values, names)
     except ParameterError as error:
         raise UsageError(str(error)) from error
 
 
-def parse_assignment(text: str) -> tuple[str, object]:
+def parse_assignment(text: str, known: Mapping[str, Parameter] = PARAMETERS) -> tuple[str, object]:
     """Return the name and the value of ``name=value``, read as the parameter's type."""
     name, equals, value = text.partition("=")
     name, value = name.strip(), value.strip()
     if not equals or not name:
         raise UsageError(f"--set takes name=value, got {text!r}")
-    if name not in PARAMETERS:
-        raise UsageError(f"unknown parameter {name}{suggestion(name)}")
-    return name, _parse(value, PARAMETERS[name].default)
+    if name not in known:
+        raise UsageError(f"unknown parameter {name}{suggestion(name, known)}")
+    return name, _parse(value, known[name].default)
 
 
 def _parse(text: str, like: Value) -> object:
@@ -88,18 +96,18 @@ def _parse(text: str, like: Value) -> object:
     return text
 
 
-def suggestion(name: str) -> str:
+def suggestion(name: str, parameters: Mapping[str, Parameter] = PARAMETERS) -> str:
     """Return a hint at parameters of a similar name, or nothing."""
     from difflib import get_close_matches
 
-    last = {known.rpartition(".")[2]: known for known in PARAMETERS}
-    close = get_close_matches(name, PARAMETERS, n=1) or [
+    last = {known.rpartition(".")[2]: known for known in parameters}
+    close = get_close_matches(name, parameters, n=1) or [
         last[match] for match in get_close_matches(name.rpartition(".")[2], last, n=1)
     ]
     return f"; did you mean {close[0]}?" if close else ""
 
 
-def read_file(path: Path) -> dict[str, object]:
+def read_file(path: Path, parameters: Mapping[str, Parameter] = PARAMETERS) -> dict[str, object]:
     """Read the node's parameters from a ROS 2 parameter file, or a plain mapping of names."""
     try:
         document = _read_yaml(path)
@@ -115,8 +123,8 @@ def read_file(path: Path) -> dict[str, object]:
         raise UsageError(f"{path} is nested too deeply") from None
     known = {name: value for name, value in values.items() if not is_of_ros(name)}
     for name in known:
-        if name not in PARAMETERS:
-            raise UsageError(f"{path}: unknown parameter {name}{suggestion(name)}")
+        if name not in parameters:
+            raise UsageError(f"{path}: unknown parameter {name}{suggestion(name, parameters)}")
     return known
 
 

@@ -11,8 +11,8 @@ from enum import IntEnum
 
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.node.inputs import InputState
-from trajeval_ros.node.session import UNDECODABLE
 from trajeval_ros.online.results import Health, TopicHealth
+from trajeval_ros.runs.session import UNDECODABLE
 
 _SECOND = 1_000_000_000
 _SILENCE = 5.0

@@ -21,10 +21,10 @@ from trajeval_ros.node.inputs import BATCH, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
 from trajeval_ros.node.schedule import Schedule
-from trajeval_ros.node.session import Session
 from trajeval_ros.node.visualization import Visualization
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.runs.session import Session
 from trajeval_ros.wall import shield
 
 _BATCH_PERIOD = 0.02

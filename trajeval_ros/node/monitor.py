@@ -25,8 +25,8 @@ from trajeval_ros.node.diagnostics import (
     check_topic,
 )
 from trajeval_ros.node.inputs import InputState
-from trajeval_ros.node.session import Session
 from trajeval_ros.online.results import TopicHealth
+from trajeval_ros.runs.session import Session
 
 _TITLES = ("ground truth", "estimate")
 

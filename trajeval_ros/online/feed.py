@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -21,21 +21,39 @@ _LOOK_AHEAD = 3
 def feed(
     engine: Engine, ground_truth: PoseSamples, estimate: PoseSamples, chunk: int = 1_000_000_000
 ) -> Iterator[Results]:
-    """Feed both in the order of their stamps, ``chunk`` (ns) at a time, and yield the results.
+    """Feed ground truth and the only estimate as `feed_all` does, and yield the results."""
+    (name,) = engine.names
+    for results in feed_all(engine, ground_truth, {name: estimate}, chunk):
+        yield results[name]
 
-    A pose whose stamp is out of order goes with the poses before it.
+
+def feed_all(
+    engine: Engine,
+    ground_truth: PoseSamples,
+    estimates: Mapping[str, PoseSamples],
+    chunk: int = 1_000_000_000,
+) -> Iterator[dict[str, Results]]:
+    """Feed all in the order of their stamps, ``chunk`` (ns) at a time, and yield the results.
+
+    ``estimates`` by the engine's names. A pose whose stamp is out of order goes with the poses
+    before it.
     """
-    (settings,) = engine.settings.estimates.values()
-    truth_times = arrival_times(ground_truth.stamps)
-    estimate_times = arrival_times(estimate.stamps + settings.time_offset)
-    taken = [0, 0]
-    for now in _chunk_ends(truth_times, estimate_times, chunk):
-        until = [int(np.searchsorted(t, now, side="right")) for t in (truth_times, estimate_times)]
-        engine.add_ground_truth(ground_truth[taken[0] : until[0]])
-        engine.add_estimate(estimate[taken[1] : until[1]])
+    settings = engine.settings.estimates
+    topics = [ground_truth, *estimates.values()]
+    times = [arrival_times(ground_truth.stamps)] + [
+        arrival_times(estimate.stamps + settings[name].time_offset)
+        for name, estimate in estimates.items()
+    ]
+    taken = [0] * len(topics)
+    for now in _chunk_ends(times, chunk):
+        until = [int(np.searchsorted(t, now, side="right")) for t in times]
+        batches = [topic[a:b] for topic, a, b in zip(topics, taken, until, strict=True)]
+        engine.add_ground_truth(batches[0])
+        for name, batch in zip(estimates, batches[1:], strict=True):
+            engine.add_estimate(batch, name)
         taken = until
-        yield engine.advance(now)
-    yield engine.finish()
+        yield engine.advance_all(now)
+    yield engine.finish_all()
 
 
 def arrival_times(stamps: Stamps) -> Stamps:
@@ -49,11 +67,10 @@ def arrival_times(stamps: Stamps) -> Stamps:
     return np.asarray(np.maximum.accumulate(arrival)) if len(stamps) else stamps
 
 
-def _chunk_ends(first: Stamps, second: Stamps, chunk: int) -> Iterator[int]:
+def _chunk_ends(times: Sequence[Stamps], chunk: int) -> Iterator[int]:
     """Ends of the chunks that hold poses; an empty stretch is skipped."""
-    taken = [0, 0]
-    while taken[0] < len(first) or taken[1] < len(second):
-        heads = [int(t[n]) for t, n in ((first, taken[0]), (second, taken[1])) if n < len(t)]
+    taken = [0] * len(times)
+    while heads := [int(t[n]) for t, n in zip(times, taken, strict=True) if n < len(t)]:
         end = min(heads) + chunk
-        taken = [int(np.searchsorted(t, end, side="right")) for t in (first, second)]
+        taken = [int(np.searchsorted(t, end, side="right")) for t in times]
         yield end

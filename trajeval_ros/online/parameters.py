@@ -300,6 +300,11 @@ _TAKEN = {
 }
 
 
+def is_taken(name: str) -> bool:
+    """Whether a name means something else than an estimate."""
+    return name in _TAKEN
+
+
 def check_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of a run's estimates.
 
@@ -313,7 +318,7 @@ def check_names(names: Sequence[str]) -> tuple[str, ...]:
     for name in names:
         if not _NAME.fullmatch(name):
             raise ParameterError(f"estimates must be named in snake_case, got {name!r}")
-        if name in _TAKEN:
+        if is_taken(name):
             raise ParameterError(f"an estimate cannot be named {name}: that means something else")
         if list(names).count(name) > 1:
             raise ParameterError(f"estimates must have different names, got {name} twice")
@@ -348,6 +353,17 @@ _PREFIX_OF_ROS = "qos_overrides."
 def is_of_ros(name: str) -> bool:
     """Whether a parameter is ROS's own: the node has it, and the evaluation passes over it."""
     return name in _OF_ROS or name.startswith(_PREFIX_OF_ROS)
+
+
+def of_estimate(values: Mapping[str, Value], name: str) -> dict[str, Value]:
+    """Return the values for one of several estimates, under the names of a run with one."""
+    if name == ONE[0] and "extrinsic" in values:
+        return dict(values)
+    found = dict(values)
+    for known in PARAMETERS:
+        if known.startswith("estimate."):
+            found[known] = values[f"{name}.{known.removeprefix('estimate.')}"]
+    return {**found, "extrinsic": values[f"{name}.extrinsic"]}
 
 
 def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[str, Value]:

@@ -1,0 +1,255 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whole trajectories through the engine, as fast as it goes."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.alignment.gauge import Gauge
+from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
+from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.named import named
+from trajeval_ros.error_model.nuisances import Truth
+from trajeval_ros.files.output import OutputError, OutputFolder
+from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.online.accounting import Reason
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed_all
+from trajeval_ros.online.parameters import Value
+from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
+from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.online.settings import EvaluationSettings
+from trajeval_ros.online.summary import whole_run
+from trajeval_ros.report import Report
+from trajeval_ros.wall import shield
+
+Figures = dict[str, Any]
+
+_NON_FINITE = str(Reason.NON_FINITE)
+_SECOND = 1_000_000_000
+
+# So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it. The
+# report has a point of the running absolute error a chunk, so for it there are as many as this.
+_CHUNK = 40_000_000_000
+_POINTS = 120
+# The error model asks the ground truth anew at every offset of the clocks that it tries, so the
+# whole of it is kept, some kilobytes a sample. More samples than this are not.
+_MOST_SAMPLES = 500_000
+
+
+@dataclass(frozen=True)
+class Scoring:
+    """An estimate to be scored: its poses, and the records that are kept of it."""
+
+    estimate: Trajectory
+    report: Report
+    folder: OutputFolder | None = None
+
+
+@dataclass(frozen=True)
+class Scored:
+    """What became of an estimate.
+
+    Its ``summary``; ``places`` where rejected poses stand; the poses that were ``evaluated``, on
+    the ground truth's clock, but for those in its gaps: there the errors would be its own.
+    """
+
+    summary: Figures
+    places: tuple[str, ...]
+    evaluated: Evaluated
+
+
+def score(
+    parameters: Mapping[str, Value],
+    truth: Trajectory,
+    scorings: Mapping[str, Scoring],
+    progress: Callable[[int], None] = lambda done: None,
+) -> dict[str, Scored]:
+    """Feed an engine in the order of time; return what became of each estimate, by its name.
+
+    ``parameters``: every one's value, for the names of ``scorings``; ``progress`` is told how many
+    poses have been evaluated.
+    """
+    whole = len(truth) <= _MOST_SAMPLES and parameters["likelihood.covariance"] != "joint"
+    engine = Engine(parameters, tuple(scorings), whole=whole)
+    kept = {name: WholeRun() for name in scorings}
+    estimates = {name: samples(scoring.estimate) for name, scoring in scorings.items()}
+    done = 0
+    for found in feed_all(engine, samples(truth), estimates, _chunk(scorings)):
+        for name, results in found.items():
+            scoring = scorings[name]
+            scoring.report.add(results)
+            kept[name].add(results)
+            if scoring.folder is not None:
+                # The folder says at the end what it has not got.
+                with contextlib.suppress(OutputError):
+                    scoring.folder.add(results.evaluations)
+            done += len(results.evaluations)
+        progress(done)
+    return {
+        name: _scored(engine, name, truth, scoring, kept[name], whole)
+        for name, scoring in scorings.items()
+    }
+
+
+def _chunk(scorings: Mapping[str, Scoring]) -> int:
+    """How much is fed at a time, ns."""
+    spans = [
+        int(np.ptp(scoring.estimate.stamps))
+        for scoring in scorings.values()
+        if scoring.folder is not None and len(scoring.estimate)
+    ]
+    return min(max(min(spans) // _POINTS, _SECOND), _CHUNK) if spans else _CHUNK
+
+
+def _scored(
+    engine: Engine,
+    name: str,
+    truth: Trajectory,
+    scoring: Scoring,
+    kept: WholeRun,
+    whole: bool,
+) -> Scored:
+    report, estimate = scoring.report, scoring.estimate
+    report.notices = engine.notices(name)
+    report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
+    summary: Figures = engine.summary(name)
+    _count_unstamped(summary["estimate"], estimate)
+    _count_unstamped(summary["ground_truth"], truth)
+    offset = engine.settings.estimates[name].time_offset
+    evaluated = kept.evaluated(name, offset)
+    if len(evaluated):
+        summary = kept.complete(summary, engine.settings.evaluation.gauge)
+    if len(evaluated) and whole:
+        lack: dict[str, Figures] = {}
+        models = shield(
+            "the error model", lambda: _models(engine, evaluated, name), lack, report.say
+        )
+        for part, model in models.items():
+            (summary if part == "run" else summary[part])["error_model"] = model
+    summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
+    none: tuple[str, ...] = ()
+    places = shield(
+        "the list of rejected rows",
+        lambda: _places(engine.health(name), truth, estimate),
+        none,
+        report.say,
+    )
+    return Scored(summary, places, evaluated[np.flatnonzero(kept.sampled)])
+
+
+def _models(engine: Engine, evaluated: Evaluated, name: str) -> dict[str, Figures]:
+    """The error models of the ``run`` and of its ``window``, where there are enough poses."""
+    stamps, estimate = evaluated.stamps, evaluated.estimate
+    last = stamps >= stamps[-1] - engine.settings.evaluation.window
+
+    def truth(asked: npt.NDArray[np.int64]) -> Truth:
+        return engine.truth(asked, name)
+
+    found = {"run": fit(stamps, estimate, truth)}
+    found["window"] = found["run"] if last.all() else fit(stamps[last], estimate[last], truth)
+    return {part: named(model) for part, model in found.items() if model is not None}
+
+
+def compared(scored: Mapping[str, Scored], settings: EvaluationSettings) -> tuple[Comparison, ...]:
+    """Return the comparison of each pair of estimates, of the poses that both have."""
+    pairs = itertools.combinations([one.evaluated for one in scored.values()], 2)
+    gauge, delta, unit = settings.gauge.name, settings.relative_delta, settings.relative_unit
+    return tuple(compare(a, b, gauge, delta, unit) for a, b in pairs)
+
+
+def together(scored: Mapping[str, Scored], comparisons: Sequence[Comparison]) -> Figures:
+    """Return the summary of several estimates against one ground truth.
+
+    Each is as it is alone, but for the ground truth, which stands beside them.
+    """
+    first = next(iter(scored.values()))
+    return {
+        "ground_truth": first.summary["ground_truth"],
+        "estimates": {
+            name: {key: value for key, value in one.summary.items() if key != "ground_truth"}
+            for name, one in scored.items()
+        },
+        "comparison": [comparison.figures() for comparison in comparisons],
+    }
+
+
+def _places(health: Health, truth: Trajectory, estimate: Trajectory) -> tuple[str, ...]:
+    places = _where_to_look("estimate", estimate, health.estimate)
+    return (*places, *_where_to_look("ground truth", truth, health.ground_truth))
+
+
+def samples(trajectory: Trajectory) -> PoseSamples:
+    """Return the poses as the engine takes them."""
+    return PoseSamples(
+        trajectory.stamps, trajectory.positions, trajectory.quaternions, trajectory.covariances
+    )
+
+
+def _count_unstamped(counts: Figures, trajectory: Trajectory) -> None:
+    """Account for the rows whose stamp is not a number, which the engine cannot be given."""
+    count = len(trajectory.non_finite_stamp_rows)
+    if count:
+        counts["received"] += count
+        counts["rejected"][_NON_FINITE] = counts["rejected"].get(_NON_FINITE, 0) + count
+
+
+class WholeRun:
+    """Every evaluated pose of a run, for the one figure that needs them all at once."""
+
+    def __init__(self) -> None:
+        self._poses: list[Evaluations] = []
+        self._cross: list[npt.NDArray[np.float64]] = []
+
+    def add(self, results: Results) -> None:
+        """Keep the poses."""
+        self._poses.append(results.evaluations)
+        self._cross.extend(results.cross)
+
+    def evaluated(self, name: str, offset: int) -> Evaluated:
+        """Return the poses, whose stamps on the ground truth's clock are ``offset`` (ns) later."""
+        return Evaluated(
+            name,
+            np.concatenate([poses.stamps for poses in self._poses]) + offset,
+            np.concatenate([poses.ground_truth for poses in self._poses]),
+            np.concatenate([poses.estimate for poses in self._poses]),
+        )
+
+    @property
+    def sampled(self) -> npt.NDArray[np.bool_]:
+        """Which of the poses (N,) lie outside the ground truth's gaps."""
+        return np.concatenate([poses.sampled for poses in self._poses])
+
+    def complete(self, summary: Figures, gauge: Gauge) -> Figures:
+        """Return the summary with the nonlinear absolute log-likelihood over all poses."""
+        return whole_run(
+            summary,
+            np.concatenate([poses.ground_truth for poses in self._poses]),
+            np.concatenate([poses.covariance for poses in self._poses]),
+            np.concatenate([poses.estimate for poses in self._poses]),
+            gauge,
+            tuple(self._cross),
+        )
+
+
+def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> list[str]:
+    """Return a line for each reason of rejection that has a first row in the file."""
+    rejected = Counter(health.rejected)
+    rows = {reason: int(trajectory.rows[place]) for reason, place in health.first_rejected.items()}
+    unstamped = trajectory.non_finite_stamp_rows
+    if len(unstamped):
+        rejected[_NON_FINITE] += len(unstamped)
+        rows[_NON_FINITE] = min(int(unstamped[0]), rows.get(_NON_FINITE, int(unstamped[0])))
+    return [
+        f"{title}: {rejected[reason]:,} {reason}, the first in {trajectory.where(row)}"
+        for reason, row in rows.items()
+    ]
