@@ -155,6 +155,12 @@ def test_steps_end_at_the_first_pose_a_step_later_and_leave_gaps_out() -> None:
     assert len(begin) == len(stamps) - 20
 
 
+def test_no_step_ends_where_it_begins() -> None:
+    begin, end = steps(estimate_of("a", ns(np.arange(50) * 1e-9), 0.0, 1), 1e-9, "s")
+    assert np.all(end - begin == 1)
+    assert len(steps(estimate_of("a", RUN, 0.0, 1), 1e-9, "s")[0]) == 0
+
+
 def test_steps_in_metres_are_along_the_ground_truth() -> None:
     estimate = estimate_of("a", RUN, 0.0, 1, scale=7.0)
     begin, end = steps(estimate, 2.0, "m")

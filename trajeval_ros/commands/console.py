@@ -14,6 +14,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TextIO
 
+from trajeval_ros import __version__
+
 DONE = 0
 NOT_EVALUATED = 1
 WRONG_USAGE = 2
@@ -58,6 +60,11 @@ def run(command: Callable[[], int], name: str) -> int:
 def _drop_output() -> None:
     """Python would flush stdout once more at exit and complain."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def add_version(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--version``."""
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
 
 
 def fail(name: str, message: str, code: int) -> int:

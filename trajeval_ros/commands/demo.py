@@ -43,6 +43,7 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    console.add_version(parser)
     parser.add_argument("--ground-truth", metavar="FILE", help="a TUM file")
     parser.add_argument("--estimate", metavar="FILE", help="a TUM file")
     parser.add_argument(

@@ -32,6 +32,7 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    console.add_version(parser)
     inputs.add_formats(parser, _add_options, several=True)
     return parser
 

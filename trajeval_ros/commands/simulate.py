@@ -25,6 +25,7 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    console.add_version(parser)
     parser.add_argument("directory", metavar="DIR", help="where to write the two files")
     parser.add_argument(
         "--duration",

@@ -48,7 +48,7 @@ def steps(evaluated: Evaluated, delta: float, unit: StepUnit) -> tuple[Indices, 
         walked = np.linalg.norm(np.diff(evaluated.ground_truth[:, :3, 3], axis=0), axis=-1)
         place = np.concatenate(([0.0], np.cumsum(walked)))[: len(evaluated)]
         delta_low = delta
-    end = np.searchsorted(place, place + delta_low)
+    end = np.maximum(np.searchsorted(place, place + delta_low), np.arange(len(place)) + 1)
     begin = np.flatnonzero(end < len(place))
     end = end[begin]
     short = place[end] - place[begin] <= _LONGEST_STEP * delta

@@ -7,10 +7,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from trajeval_ros import __version__
 from trajeval_ros.node.ending import DONE, WRONG_USAGE, Stop, fail
 
 USAGE = """\
-usage: evaluator [--help] [--ros-args -r estimate:=TOPIC -r ground_truth:=TOPIC
+usage: evaluator [--help] [--version] [--ros-args -r estimate:=TOPIC -r ground_truth:=TOPIC
                   -p NAME:=VALUE --params-file FILE ...]
 
 Scores an estimated trajectory against ground truth while both arrive.
@@ -22,6 +23,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv if argv is None else argv)
     if "--help" in arguments[1:] or "-h" in arguments[1:]:
         sys.stdout.write(USAGE + "\n")
+        return DONE
+    if "--version" in arguments[1:]:
+        sys.stdout.write(f"evaluator {__version__}\n")
         return DONE
     # Before the libraries load, which takes a second: a signal in that second counts too.
     stop = Stop()
