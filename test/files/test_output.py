@@ -346,6 +346,45 @@ def test_the_summary_has_room_on_a_disk_that_the_rows_have_filled(small_disk: Pa
     assert sorted(os.listdir(small_disk)) == ["poses.csv", "summary.json"]
 
 
+def test_the_rows_have_the_room_of_the_summary_once_it_is_written(small_disk: Path) -> None:
+    rows = make_rows(200)
+    with OutputFolder(small_disk) as folder:
+        for begin in range(0, 200, 50):
+            with contextlib.suppress(OutputError):
+                folder.add(part(rows, slice(begin, begin + 50)))
+        with pytest.raises(OutputError, match="No space left"):
+            folder.write({})
+        folder.write({}, last=True)
+    assert [int(row["stamp_ns"]) for row in read_rows(small_disk)] == rows.stamps.tolist()
+
+
+def test_each_save_on_a_full_disk_writes_the_summary_as_it_is(small_disk: Path) -> None:
+    rows = make_rows(2000)
+    with OutputFolder(small_disk) as folder:
+        for save in range(5):
+            for begin in range(400 * save, 400 * save + 400, 100):
+                with contextlib.suppress(OutputError):
+                    folder.add(part(rows, slice(begin, begin + 100)))
+            with contextlib.suppress(OutputError):
+                folder.write({"save": save, "text": "x" * 9000})
+            summary = json.loads((small_disk / "summary.json").read_text(encoding="utf-8"))
+            assert summary["save"] == save
+
+
+def test_rows_that_wait_are_bounded(small_disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trajeval_ros.files.output._MOST_WAITING", 50_000)
+    rows = make_rows(1000)
+    with OutputFolder(small_disk) as folder:
+        for begin in range(0, 1000, 100):
+            with contextlib.suppress(OutputError):
+                folder.add(part(rows, slice(begin, begin + 100)))
+            assert len(folder._waiting) <= 50_000
+        with pytest.raises(OutputError) as caught:
+            folder.write({}, last=True)
+    lost = 1000 - len(read_rows(small_disk))
+    assert f"lacks {lost:,} poses" in caught.value.failures["poses.csv"]
+
+
 KILLED = """
 import sys, time
 from test_output import make_rows, OutputFolder

@@ -137,6 +137,25 @@ def test_the_report_has_the_notices_that_hold(tmp_path: Path) -> None:
     run.close()
 
 
+def test_rows_from_before_there_was_a_folder_are_said_to_be_missing(tmp_path: Path) -> None:
+    (tmp_path / "out").touch()
+    run = session(output__directory=str(tmp_path / "out"))
+    assert run.error is not None
+    truth, estimate = data.run(20.0)
+    half = len(estimate) // 2
+    run.feed(truth, estimate[:half])
+    first = len(run.advance(None).evaluations)
+    assert first > 0
+    (tmp_path / "out").unlink()
+    run.feed(None, estimate[half:])
+    second = len(run.finish().evaluations)
+    with pytest.raises(OutputError, match=rf"poses\.csv lacks {first} poses"):
+        run.save(last=True)
+    assert (tmp_path / "out" / "poses.csv").read_text(encoding="utf-8").count("\n") == second + 1
+    assert (tmp_path / "out" / "report.html").exists()
+    run.close()
+
+
 def test_likely_causes_are_saved(tmp_path: Path) -> None:
     run = session(output__directory=str(tmp_path))
     truth, estimate = data.run(30.0)

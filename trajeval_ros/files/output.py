@@ -167,13 +167,17 @@ class OutputFolder:
                 for begin in range(os.fstat(self._reserve.fileno()).st_size, _RESERVE, _PIECE):
                     os.posix_fallocate(self._reserve.fileno(), begin, _PIECE)
 
-    def _replace_summary(self, text: str) -> None:
+    def _replace_summary(self, text: str, last: bool) -> None:
+        """Write it in the room kept for it, which after the ``last`` time is for the rows."""
         if self._reserve is not None:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._reserve.fileno(), 0)
         try:
             self._replace("summary.json", lambda file: _put(file, text))
         finally:
+            if last and self._reserve is not None:
+                self._reserve.close()
+                self._reserve = None
             self._keep_room()
 
     def add(self, evaluations: Evaluations) -> None:
@@ -256,7 +260,7 @@ class OutputFolder:
         """
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         steps: dict[str, Callable[[], None]] = {
-            "summary.json": lambda: self._replace_summary(text),
+            "summary.json": lambda: self._replace_summary(text, last),
             "poses.csv": lambda: self._write_rows(last),
         }
         if report is not None:
