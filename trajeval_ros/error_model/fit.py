@@ -37,6 +37,8 @@ Stamps = npt.NDArray[np.int64]
 ENOUGH = 40
 """Poses below which there is no fit: of nine nuisances and the world's six freedoms."""
 
+# Shifts (s) along the twists that stand for a new answer of the ground truth on the way.
+_NEAR = 5e-3
 _ITERATIONS = 8
 _SEARCH = 20
 _FINISH = 8
@@ -148,7 +150,7 @@ def _fit(stamps: Stamps, estimate: Array, ask: Ask) -> ErrorModel | None:
         if not problem.enough(nuisances):
             return None
     nuisances, found = problem.first(nuisances)
-    nuisances, found = problem.improve(nuisances, found, _ITERATIONS)
+    nuisances, found = problem.improve(nuisances, found, _ITERATIONS, near=True)
     candidates = _candidates(found)
     best = max(candidates, key=_score)
     nuisances, best = problem.improve(nuisances, best, _ITERATIONS)
@@ -227,19 +229,29 @@ class _Problem:
 
     def __init__(self, stamps: Stamps, estimate: Array, ask: Ask) -> None:
         self._stamps, self._estimate, self._ask_anew = stamps, estimate, ask
-        self._asked: tuple[float, float] | None = None
+        self._known: tuple[Stamps, Truth] | None = None
 
-    def _ask(self, nuisances: Nuisances) -> Truth:
-        """The ground truth, at the clock offset and rate given."""
-        clock = nuisances.clock_offset, nuisances.clock_rate
-        if self._asked != clock:
-            self._answer = self._ask_anew(nuisances.stamps(self._stamps))
-            self._asked = clock
-        return self._answer
+    def _ask(self, nuisances: Nuisances, near: bool = False) -> Truth:
+        """The ground truth, at the clock offset and rate given.
 
-    def enough(self, nuisances: Nuisances) -> bool:
+        ``near``: on the way there, a small shift along the twists does.
+        """
+        stamps = nuisances.stamps(self._stamps)
+        if self._known is not None:
+            asked, answer = self._known
+            shift = (stamps - asked) * 1e-9
+            if not shift.any():
+                return answer
+            if near and np.abs(shift).max() < _NEAR:
+                moved = answer.poses @ se3.exp(answer.twists * shift[:, None])
+                return replace(answer, poses=moved)
+        answer = self._ask_anew(stamps)
+        self._known = stamps, answer
+        return answer
+
+    def enough(self, nuisances: Nuisances, near: bool = False) -> bool:
         """Whether enough poses have a ground truth."""
-        return int(self._ask(nuisances).valid.sum()) >= ENOUGH
+        return int(self._ask(nuisances, near).valid.sum()) >= ENOUGH
 
     def kept(self, nuisances: Nuisances) -> Stamps:
         """The stamps that have one."""
@@ -252,9 +264,11 @@ class _Problem:
         return nuisances, found
 
     def improve(
-        self, nuisances: Nuisances, found: Maximum, iterations: int
+        self, nuisances: Nuisances, found: Maximum, iterations: int, near: bool = False
     ) -> tuple[Nuisances, Maximum]:
         """Gauss-Newton on the nuisances, the ground truth asked anew at each step.
+
+        Where it need not be exact yet (``near``), only after a shift of some milliseconds.
 
         The parameters are those of ``found``, fitted anew where a step has changed the errors by
         much. Returns the nuisances and what is found there, whose θ is what is left of a step.
@@ -266,10 +280,10 @@ class _Problem:
                 break
             step = step * min(1.0, _LONGEST_STEP / max(abs(float(step[0])), 1e-12))
             proposed = nuisances.moved(step)
-            if not self.enough(proposed):
+            if not self.enough(proposed, near):
                 break
             nuisances = proposed
-            data, gauge = self._prepared(nuisances)
+            data, gauge = self._prepared(nuisances, near)
             same = len(found.data.times) == len(data.times)
             if same and (np.abs(step) < 3.0 * std).all():
                 data = replace(data, measured=found.data.measured, moved=found.data.moved)
@@ -278,8 +292,8 @@ class _Problem:
                 found = maximum(found.kind, found.parameters, data, gauge, _FINISH, 1)
         return nuisances, found
 
-    def _prepared(self, nuisances: Nuisances) -> tuple[Data, Array]:
-        reference = self._ask(nuisances)
+    def _prepared(self, nuisances: Nuisances, near: bool = False) -> tuple[Data, Array]:
+        reference = self._ask(nuisances, near)
         good = reference.valid
         kept = Truth(
             reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
