@@ -31,6 +31,9 @@ from trajeval_ros.error_model.process import Kind, steps
 
 Array = npt.NDArray[np.float64]
 
+# No disturbance, m or rad, is larger than this.
+_LARGEST = 1e100
+
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
@@ -218,8 +221,10 @@ class Likelihood:
             (u, told, self.data.measured * self._jitter),
             (v, felt, self.own_noise()),
         ):
-            mean = np.maximum(information.reshape(-1, 2, 3).mean(axis=2), 1e-300)
-            square = (score.reshape(-1, 2, 3) ** 2).sum(axis=2) / mean**2
+            mean = np.maximum(information.reshape(-1, 2, 3).mean(axis=2), 1e-100)
+            # Errors of absurd data are bounded before they are squared.
+            size = np.linalg.norm(score.reshape(-1, 2, 3), axis=2)
+            square = (np.minimum(size, _LARGEST * mean) / mean) ** 2
             answers += [square, np.maximum(1.0 / mean - own, 0.0)]
         return answers[0], answers[1], answers[2], answers[3]
 
@@ -249,7 +254,8 @@ class Likelihood:
         sums = np.add.reduceat(each, edges, axis=0)
         spread = sums.T @ sums * (blocks / (blocks - 1.0))
         shown = self.theta_covariance @ spread @ self.theta_covariance
-        return np.asarray(np.sqrt(np.diag(shown) / np.diag(self.theta_covariance)))
+        # Round-off may leave a direction without any scatter just below zero.
+        return np.asarray(np.sqrt(np.maximum(np.diag(shown), 0.0) / np.diag(self.theta_covariance)))
 
     def _whitened(self, columns: Array) -> Array:
         """Columns (N, 6, c) of what the errors hold, each less what those before it predict.
