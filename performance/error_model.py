@@ -19,10 +19,8 @@ from trajeval_ros import se3
 from trajeval_ros.error_model.fit import ErrorModel, fit
 from trajeval_ros.error_model.nuisances import NAMES, Ask, Nuisances
 from trajeval_ros.error_model.process import GROUPS, Kind, steps
-from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.online.engine import Engine
-from trajeval_ros.online.samples import PoseSamples
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -39,17 +37,10 @@ PAIRS = (
 )
 
 
-def samples(trajectory: Trajectory) -> PoseSamples:
-    """As the engine takes them."""
-    return PoseSamples(
-        trajectory.stamps, trajectory.positions, trajectory.quaternions, trajectory.covariances
-    )
-
-
 def ground_truth(path: Path) -> Engine:
     """An engine that holds all of a ground truth."""
     engine = Engine({}, whole=True)
-    engine.add_ground_truth(samples(read_tum(path)))
+    engine.add_ground_truth(read_tum(path).samples)
     engine.finish()
     return engine
 
@@ -60,18 +51,6 @@ def estimate(path: Path) -> tuple[Stamps, Array]:
     later = np.concatenate([[True], np.diff(trajectory.stamps) > 0])
     poses = se3.from_position_quaternion(trajectory.positions, trajectory.quaternions)
     return trajectory.stamps[later], poses[later]
-
-
-def vector(nuisances: Nuisances) -> Array:
-    """(9,), in the order of `NAMES`."""
-    return np.array(
-        [
-            nuisances.clock_offset,
-            nuisances.clock_rate,
-            *se3.log(nuisances.extrinsic),
-            np.log(nuisances.scale),
-        ]
-    )
 
 
 def drawn(
@@ -95,6 +74,14 @@ def drawn(
             state[0, 0] -= np.cross(position[i + 1] - position[i], old[0, 1])
         found[i + 1] = state[0].ravel()
     return found + rng.normal(size=found.shape) * np.repeat(np.exp(parameters[:, 0]), 3)
+
+
+def erring(truth: Array, error: Array) -> Array:
+    """Poses (N, 4, 4) with errors (N, 6) in the world's axes."""
+    poses = truth.copy()
+    poses[:, :3, :3] = se3.exp_so3(error[:, 3:]) @ truth[:, :3, :3]
+    poses[:, :3, 3] += error[:, :3]
+    return poses
 
 
 def simulated(
@@ -129,9 +116,7 @@ def simulated(
     noise = np.linalg.cholesky(covariances) @ rng.normal(size=(len(stamps), 6, 1))
     poses = poses @ se3.exp(noise[..., 0])
     error = drawn(rng, kind, parameters, stamps * 1e-9, poses[:, :3, 3])
-    poses[:, :3, :3] = se3.exp_so3(error[:, 3:]) @ poses[:, :3, :3]
-    poses[:, :3, 3] += error[:, :3]
-    poses = se3.compose(poses, nuisances.extrinsic)
+    poses = se3.compose(erring(poses, error), nuisances.extrinsic)
     poses[:, :3, 3] /= nuisances.scale
     return stamps, poses, kind, parameters, nuisances
 
@@ -140,7 +125,7 @@ def scores(
     found: ErrorModel, kind: Kind, parameters: Array, nuisances: Nuisances
 ) -> Iterator[tuple[str, float]]:
     """By how many standard deviations each figure is off; parameters where the process is right."""
-    off = vector(found.nuisances) - vector(nuisances)
+    off = found.nuisances.vector - nuisances.vector
     off[2:8] = se3.log(found.nuisances.extrinsic @ se3.inverse(nuisances.extrinsic))
     yield from zip(NAMES, (off / found.std).tolist(), strict=True)
     if found.kind is kind:
@@ -225,11 +210,11 @@ def injected(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
                 continue
             # The injected body frame is applied after the estimate's own.
             back = se3.inverse(nuisances.extrinsic) @ se3.inverse(before.nuisances.extrinsic)
-            off = vector(after.nuisances) - vector(before.nuisances) - vector(nuisances)
+            off = after.nuisances.vector - before.nuisances.vector - nuisances.vector
             off[2:8] = se3.log(after.nuisances.extrinsic @ back)
             scale = np.maximum(after.std, before.std)
             found.append(np.abs(off / scale).max())
-            print(f"  {vector(nuisances).round(4).tolist()} worst {found[-1]:.2f}", flush=True)
+            print(f"  {nuisances.vector.round(4).tolist()} worst {found[-1]:.2f}", flush=True)
         share = float((np.array(found) < 2.5).mean())
         print(
             f"{dataset} {name}: {len(found)} injections, {100 * share:.0f} % within 2.5", flush=True

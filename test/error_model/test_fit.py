@@ -4,9 +4,9 @@
 
 import numpy as np
 import pytest
-from twins import error_model_twin as twin
 from twins.runs import motion
 
+from performance.error_model import drawn, erring
 from trajeval_ros import se3
 from trajeval_ros.error_model.fit import ENOUGH, fit
 from trajeval_ros.error_model.named import named
@@ -35,8 +35,8 @@ def estimate(kind, parameters, nuisances=None, seed=0, count=400, rate=20.0, pat
     nuisances = nuisances or Nuisances.none()
     known = ask(nuisances.stamps(stamps), path)
     truth = known.poses @ se3.exp(rng.normal(size=(count, 6)) * np.repeat([5e-4, 1e-3], 3))
-    error = twin.draw(rng, kind, parameters, stamps * 1e-9, truth[:, :3, :3], known.poses[:, :3, 3])
-    poses = twin.erring(truth, error)
+    error = drawn(rng, kind, parameters, stamps * 1e-9, known.poses[:, :3, 3])
+    poses = erring(truth, error)
     poses = se3.compose(poses, nuisances.extrinsic)
     poses[:, :3, 3] /= nuisances.scale
     return stamps, poses

@@ -1,6 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The error model's likelihood by its dense covariance, and errors drawn from it: slow, obvious."""
+"""The error model's likelihood by its dense covariance: slow, obvious."""
 
 import numpy as np
 
@@ -62,32 +62,3 @@ def log_likelihood(kind, parameters, data, gauge):
     dof = len(y) - len(prior)
     log_det = np.linalg.slogdet(total)[1] + np.linalg.slogdet(information)[1]
     return -0.5 * (chi2 + log_det + dof * np.log(2.0 * np.pi)), theta[: len(data.precision)]
-
-
-def draw(rng, kind, parameters, times, rotation, position):
-    """An estimate's error in the world's axes, without the ground truth's; (N, 6)."""
-    groups = [steps(kind, each, np.diff(times)) for each in parameters]
-    k = kind.components
-    state = np.zeros((k, 2, 3))
-    for g, group in enumerate(groups):
-        if group.prior[-1, -1] > 0.0:
-            state[-1, g] = rng.normal(size=3) / np.sqrt(group.prior[-1, -1])
-    found = np.zeros((len(times), 6))
-    found[0] = state[0].ravel()
-    for i in range(len(times) - 1):
-        old = state.copy()
-        for g, group in enumerate(groups):
-            root = np.linalg.cholesky(group.noise[i])
-            state[:, g] = group.transition[i] @ old[:, g] + root @ rng.normal(size=(k, 3))
-        if kind is not Kind.WANDER:
-            state[0, 0] -= np.cross(position[i + 1] - position[i], old[0, 1])
-        found[i + 1] = state[0].ravel()
-    return found + rng.normal(size=found.shape) * np.repeat(np.exp(parameters[:, 0]), 3)
-
-
-def erring(truth, error):
-    """Poses (N, 4, 4) with errors (N, 6) in the world's axes."""
-    poses = truth.copy()
-    poses[:, :3, :3] = se3.exp_so3(error[:, 3:]) @ truth[:, :3, :3]
-    poses[:, :3, 3] += error[:, :3]
-    return poses

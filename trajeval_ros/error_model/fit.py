@@ -320,7 +320,7 @@ def _described(
             for part in (white[:, :3], white[:, 3:])
         ]
     )
-    theta = np.concatenate([nuisances_vector(nuisances), np.zeros(len(here.theta) - count)])
+    theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - count)])
     seen = np.linalg.inv(here.theta_covariance)
     return ErrorModel(
         found.kind,
@@ -335,18 +335,6 @@ def _described(
         autocorrelation,
         _jumps(stamps, here),
         alternatives,
-    )
-
-
-def nuisances_vector(nuisances: Nuisances) -> Array:
-    """What there is to correct, (9,), in the order of `NAMES`."""
-    return np.array(
-        [
-            nuisances.clock_offset,
-            nuisances.clock_rate,
-            *se3.log(nuisances.extrinsic),
-            np.log(nuisances.scale),
-        ]
     )
 
 

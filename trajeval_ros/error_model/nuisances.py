@@ -69,6 +69,18 @@ class Nuisances:
         """Nothing to correct."""
         return Nuisances(0.0, 0.0, np.eye(4), 1.0)
 
+    @property
+    def vector(self) -> Array:
+        """What there is to correct, (9,), in the order of `NAMES`."""
+        return np.array(
+            [
+                self.clock_offset,
+                self.clock_rate,
+                *se3.log(self.extrinsic),
+                np.log(self.scale),
+            ]
+        )
+
     def moved(self, delta: Array) -> Nuisances:
         """With a step (9,) added, in the order of `NAMES`."""
         return Nuisances(

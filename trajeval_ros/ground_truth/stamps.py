@@ -83,8 +83,12 @@ def stamp_noise(segments: Sequence[tuple[Array, Array]], accuracy: tuple[float, 
     ``segments``: ``times`` (n,) s and ``coordinates`` (n, 6) of each; ``accuracy``: the
     instrument's, of translation (m) and rotation (rad).
     """
+    if sum(len(times) >= _FEWEST_SAMPLES for times, _ in segments) < _FEWEST_SEGMENTS:
+        return 0.0
+    most = _of_intervals([times for times, _ in segments])
     found = [
-        _of_group([(t, x[:, 3 * g : 3 * g + 3]) for t, x in segments], accuracy[g]) for g in (0, 1)
+        _of_group([(t, x[:, 3 * g : 3 * g + 3]) for t, x in segments], accuracy[g], most)
+        for g in (0, 1)
     ]
     weights = np.array([significance**2 for significance, _ in found])
     if not weights.sum() > _SIGNIFICANT**2:
@@ -110,18 +114,16 @@ def _of_intervals(times: Sequence[Array]) -> float:
     return max(products / max(count, 1), 0.0)
 
 
-def _of_group(segments: Sequence[tuple[Array, Array]], accuracy: float) -> tuple[float, float]:
-    """How significant the variance of the stamps is, and the variance, s²."""
-    sums = np.array(
-        [_sums(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES]
-    ).reshape(-1, 4)
+def _of_group(
+    segments: Sequence[tuple[Array, Array]], accuracy: float, most: float
+) -> tuple[float, float]:
+    """How significant the variance of the stamps is, and the variance, s², which is at ``most``."""
+    sums = np.array([_sums(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES])
     excess, squares, counts, across = sums.T
-    if len(sums) < _FEWEST_SEGMENTS or not squares.sum() > 0.0:
-        return 0.0, 0.0
-    if not excess.sum() > max(across.sum(), 0.0):
+    if not squares.sum() > 0.0 or not excess.sum() > max(across.sum(), 0.0):
         return 0.0, 0.0
     shown = float(excess.sum() / squares.sum())
-    variance = min(shown, _of_intervals([times for times, _ in segments]))
+    variance = min(shown, most)
     # What it does to a sample, while the body moves.
     speed = float((squares**2).sum() / (squares * counts).sum())
     if variance * speed < accuracy**2:
