@@ -31,7 +31,6 @@ from PIL import Image
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
-from trajeval_ros.runs.offline import samples
 
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +53,7 @@ def evaluated(ground_truth: str, estimate: str, **parameters: object) -> Evaluat
     """Evaluate two TUM files."""
     truth, guess = read_tum(ground_truth), read_tum(estimate)
     engine = Engine(parameters)
-    parts = list(feed(engine, samples(truth), samples(guess)))
+    parts = list(feed(engine, truth.samples, guess.samples))
     alignment = parts[-1].alignment
     assert alignment is not None
     found = [part.evaluations for part in parts if len(part.evaluations)]

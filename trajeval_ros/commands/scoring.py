@@ -61,7 +61,10 @@ def score(
             none: list[str] = []
             comparisons = shield(
                 "the comparison",
-                lambda: offline.compared(found, settings_of(parameters, data.names).evaluation),
+                lambda: offline.compared(
+                    [one.evaluated for one in found.values()],
+                    settings_of(parameters, data.names).evaluation,
+                ),
                 (),
                 none.append,
             )
@@ -86,14 +89,9 @@ def score(
 
 def _require_poses(scored: Scored, estimate: Trajectory) -> None:
     """Refuse an estimate of which not a single pose could be evaluated; say why."""
-    counts = scored.summary["estimate"]
-    if counts["evaluated"]:
-        return
-    reasons = ", ".join(f"{n:,} {reason}" for reason, n in counts["rejected"].items() if n)
-    raise CommandError(
-        f"{estimate.source}: none of its {len(estimate):,} poses could be evaluated"
-        + (f" ({reasons})" if reasons else "")
-    )
+    why = offline.why_none(estimate.source, len(estimate), scored.summary["estimate"])
+    if why is not None:
+        raise CommandError(why)
 
 
 def _records(data: Inputs, parameters: Mapping[str, Value]) -> dict[str, Scoring]:

@@ -7,6 +7,8 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.online.samples import PoseSamples
+
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
@@ -72,6 +74,11 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    @property
+    def samples(self) -> PoseSamples:
+        """The poses as the engine takes them."""
+        return PoseSamples(self.stamps, self.positions, self.quaternions, self.covariances)
 
     def where(self, row: int) -> str:
         """File and row, one of `rows` or of `non_finite_stamp_rows`, as in the errors."""

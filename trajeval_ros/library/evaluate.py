@@ -5,30 +5,27 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, overload
 
-import numpy as np
-
 from trajeval_ros.comparison.common import Evaluated
-from trajeval_ros.comparison.compare import Comparison, compare
+from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.library.result import Poses, Result, Results
 from trajeval_ros.library.settings import parameters_of
 from trajeval_ros.library.trajectory import Trajectory
 from trajeval_ros.online.engine import Engine
-from trajeval_ros.online.feed import arrival_times
-from trajeval_ros.online.parameters import ONE, Value
+from trajeval_ros.online.feed import feed_evenly
+from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
+from trajeval_ros.runs.offline import compared, count_unstamped, why_none
 from trajeval_ros.wall import shield
 
-_SECOND = 1_000_000_000
 # Points of the report's running figures.
-_CHUNKS = 120
+_PIECES = 120
 
 
 @overload
@@ -81,13 +78,14 @@ def _evaluate(
     engine = Engine(parameters, names, whole=not joint)
     records = {
         name: Report(
-            _of_one(parameters, name),
+            of_estimate(parameters, name),
             {"ground truth": truth.data.source, "estimate": one.data.source},
         )
         for name, one in estimates.items()
     }
     kept: dict[str, list[EngineResults]] = {name: [] for name in names}
-    for found in _feed(engine, truth, estimates):
+    samples = {name: one.samples for name, one in estimates.items()}
+    for found in feed_evenly(engine, truth.samples, samples, _PIECES):
         for name, results in found.items():
             records[name].add(results)
             kept[name].append(results)
@@ -95,15 +93,11 @@ def _evaluate(
         name: _result(engine, name, truth, one, kept[name], records[name], joint)
         for name, one in estimates.items()
     }
-    chosen = engine.settings.evaluation
     evaluated = [
         _compared(name, one.poses, engine.settings.estimates[name].time_offset)
         for name, one in found_of.items()
     ]
-    return found_of, [
-        compare(a, b, chosen.gauge.name, chosen.relative_delta, chosen.relative_unit)
-        for a, b in itertools.combinations(evaluated, 2)
-    ]
+    return found_of, list(compared(evaluated, engine.settings.evaluation))
 
 
 def _compared(name: str, poses: Poses, offset: int) -> Evaluated:
@@ -111,40 +105,6 @@ def _compared(name: str, poses: Poses, offset: int) -> Evaluated:
     known = poses.sampled
     stamps = poses.stamps[known] + offset
     return Evaluated(name, stamps, poses.ground_truth[known], poses.estimate[known])
-
-
-def _of_one(parameters: Mapping[str, Value], name: str) -> dict[str, Value]:
-    """The parameters as a run of this estimate alone has them."""
-    own = {f"{name}.{rest}": f"{ONE[0]}.{rest}" for rest in _OWN}
-    own[f"{name}.extrinsic"] = "extrinsic"
-    return {own.get(key, key): value for key, value in parameters.items()}
-
-
-_OWN = ("type", "reliability", "use_covariance", "time_offset")
-
-
-def _feed(
-    engine: Engine, truth: Trajectory, estimates: Mapping[str, Trajectory]
-) -> Iterator[dict[str, EngineResults]]:
-    """Feed all in the order of their stamps, a piece of the run at a time."""
-    samples = [truth.samples, *(one.samples for one in estimates.values())]
-    offsets = [0, *(engine.settings.estimates[name].time_offset for name in estimates)]
-    times = [
-        arrival_times(topic.stamps + offset) for topic, offset in zip(samples, offsets, strict=True)
-    ]
-    every = np.sort(np.concatenate(times))
-    # By number and not by time: a wrong stamp does not make a million empty pieces.
-    ends = every[np.linspace(0, len(every) - 1, _CHUNKS).astype(int)] if len(every) else every
-    taken = [0] * len(samples)
-    for now in np.unique(ends).tolist():
-        until = [int(np.searchsorted(t, now, side="right")) for t in times]
-        batches = [topic[a:b] for topic, a, b in zip(samples, taken, until, strict=True)]
-        engine.add_ground_truth(batches[0])
-        for name, batch in zip(estimates, batches[1:], strict=True):
-            engine.add_estimate(batch, name)
-        taken = until
-        yield engine.advance_all(now)
-    yield engine.finish_all()
 
 
 def _result(
@@ -158,18 +118,11 @@ def _result(
 ) -> Result:
     poses = Poses.of([results.evaluations for results in kept])
     summary: dict[str, Any] = engine.summary(name)
-    for account, trajectory in (
-        (summary["estimate"], estimate),
-        (summary["ground_truth"], truth),
-    ):
-        _count_unstamped(account, trajectory)
-    if not len(poses):
-        rejected = summary["estimate"]["rejected"].items()
-        reasons = ", ".join(f"{count:,} {reason}" for reason, count in rejected if count)
-        raise ValueError(
-            f"{estimate.name}: none of its {len(estimate):,} poses could be evaluated"
-            + (f" ({reasons})" if reasons else "")
-        )
+    count_unstamped(summary["estimate"], estimate.data)
+    count_unstamped(summary["ground_truth"], truth.data)
+    why = why_none(estimate.name, len(estimate), summary["estimate"])
+    if why is not None:
+        raise ValueError(why)
     record.notices = engine.notices(name)
     record.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     cross = tuple(blocks for results in kept for blocks in results.cross)
@@ -188,11 +141,3 @@ def _model(engine: Engine, name: str, poses: Poses) -> dict[str, Any] | None:
     stamps = poses.stamps + engine.settings.estimates[name].time_offset
     found = fit(stamps, poses.estimate, lambda asked: engine.truth(asked, name))
     return None if found is None else named(found)
-
-
-def _count_unstamped(account: dict[str, Any], trajectory: Trajectory) -> None:
-    """Account for the rows of a file whose stamp is not a number."""
-    count = len(trajectory.data.non_finite_stamp_rows)
-    if count:
-        account["received"] += count
-        account["rejected"]["non_finite"] = account["rejected"].get("non_finite", 0) + count

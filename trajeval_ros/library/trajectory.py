@@ -96,8 +96,7 @@ class Trajectory:
     @property
     def samples(self) -> PoseSamples:
         """The rows as the engine takes them."""
-        data = self._data
-        return PoseSamples(data.stamps, data.positions, data.quaternions, data.covariances)
+        return self._data.samples
 
     def __len__(self) -> int:
         """Number of poses."""

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -38,14 +38,48 @@ def feed_all(
     ``estimates`` by the engine's names. A pose whose stamp is out of order goes with the poses
     before it.
     """
+    times = _times(engine, ground_truth, estimates)
+    yield from _fed(engine, ground_truth, estimates, times, _chunk_ends(times, chunk))
+
+
+def feed_evenly(
+    engine: Engine,
+    ground_truth: PoseSamples,
+    estimates: Mapping[str, PoseSamples],
+    pieces: int,
+) -> Iterator[dict[str, Results]]:
+    """Feed all as `feed_all` does, in so many ``pieces`` of about as many poses.
+
+    By number and not by time: a wrong stamp far ahead does not make one piece of all the others.
+    """
+    times = _times(engine, ground_truth, estimates)
+    every = np.sort(np.concatenate(times))
+    ends = every[np.linspace(0, len(every) - 1, pieces).astype(int)] if len(every) else every
+    yield from _fed(engine, ground_truth, estimates, times, np.unique(ends).tolist())
+
+
+def _times(
+    engine: Engine, ground_truth: PoseSamples, estimates: Mapping[str, PoseSamples]
+) -> list[Stamps]:
+    """When the poses of each topic arrive."""
     settings = engine.settings.estimates
-    topics = [ground_truth, *estimates.values()]
-    times = [arrival_times(ground_truth.stamps)] + [
+    return [arrival_times(ground_truth.stamps)] + [
         arrival_times(estimate.stamps + settings[name].time_offset)
         for name, estimate in estimates.items()
     ]
+
+
+def _fed(
+    engine: Engine,
+    ground_truth: PoseSamples,
+    estimates: Mapping[str, PoseSamples],
+    times: Sequence[Stamps],
+    ends: Iterable[int],
+) -> Iterator[dict[str, Results]]:
+    """Feed what arrives at ``times`` up to each of ``ends``, and yield the results."""
+    topics = [ground_truth, *estimates.values()]
     taken = [0] * len(topics)
-    for now in _chunk_ends(times, chunk):
+    for now in ends:
         until = [int(np.searchsorted(t, now, side="right")) for t in times]
         batches = [topic[a:b] for topic, a, b in zip(topics, taken, until, strict=True)]
         engine.add_ground_truth(batches[0])

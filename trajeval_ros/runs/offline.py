@@ -7,7 +7,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -26,7 +26,6 @@ from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
-from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
@@ -82,9 +81,9 @@ def score(
     whole = len(truth) <= _MOST_SAMPLES and parameters["likelihood.covariance"] != "joint"
     engine = Engine(parameters, tuple(scorings), whole=whole)
     kept = {name: WholeRun() for name in scorings}
-    estimates = {name: samples(scoring.estimate) for name, scoring in scorings.items()}
+    estimates = {name: scoring.estimate.samples for name, scoring in scorings.items()}
     done = 0
-    for found in feed_all(engine, samples(truth), estimates, _chunk(scorings)):
+    for found in feed_all(engine, truth.samples, estimates, _chunk(scorings)):
         for name, results in found.items():
             scoring = scorings[name]
             scoring.report.add(results)
@@ -123,8 +122,8 @@ def _scored(
     report.notices = engine.notices(name)
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     summary: Figures = engine.summary(name)
-    _count_unstamped(summary["estimate"], estimate)
-    _count_unstamped(summary["ground_truth"], truth)
+    count_unstamped(summary["estimate"], estimate)
+    count_unstamped(summary["ground_truth"], truth)
     offset = engine.settings.estimates[name].time_offset
     evaluated = kept.evaluated(name, offset)
     if len(evaluated):
@@ -160,9 +159,11 @@ def _models(engine: Engine, evaluated: Evaluated, name: str) -> dict[str, Figure
     return {part: named(model) for part, model in found.items() if model is not None}
 
 
-def compared(scored: Mapping[str, Scored], settings: EvaluationSettings) -> tuple[Comparison, ...]:
+def compared(
+    evaluated: Iterable[Evaluated], settings: EvaluationSettings
+) -> tuple[Comparison, ...]:
     """Return the comparison of each pair of estimates, of the poses that both have."""
-    pairs = itertools.combinations([one.evaluated for one in scored.values()], 2)
+    pairs = itertools.combinations(evaluated, 2)
     gauge, delta, unit = settings.gauge.name, settings.relative_delta, settings.relative_unit
     return tuple(compare(a, b, gauge, delta, unit) for a, b in pairs)
 
@@ -188,14 +189,17 @@ def _places(health: Health, truth: Trajectory, estimate: Trajectory) -> tuple[st
     return (*places, *_where_to_look("ground truth", truth, health.ground_truth))
 
 
-def samples(trajectory: Trajectory) -> PoseSamples:
-    """Return the poses as the engine takes them."""
-    return PoseSamples(
-        trajectory.stamps, trajectory.positions, trajectory.quaternions, trajectory.covariances
+def why_none(source: str, poses: int, counts: Figures) -> str | None:
+    """Why of an estimate's ``poses`` none could be evaluated, by its ``counts``; None if some."""
+    if counts["evaluated"]:
+        return None
+    reasons = ", ".join(f"{n:,} {reason}" for reason, n in counts["rejected"].items() if n)
+    return f"{source}: none of its {poses:,} poses could be evaluated" + (
+        f" ({reasons})" if reasons else ""
     )
 
 
-def _count_unstamped(counts: Figures, trajectory: Trajectory) -> None:
+def count_unstamped(counts: Figures, trajectory: Trajectory) -> None:
     """Account for the rows whose stamp is not a number, which the engine cannot be given."""
     count = len(trajectory.non_finite_stamp_rows)
     if count:
