@@ -204,7 +204,10 @@ def test_slope_is_the_dense_derivative_of_the_motion(count, parts, seed, kernel)
     rng = np.random.default_rng(seed)
     asked = rng.uniform(-0.2, times[-1] + 0.2, 7)
     counts = rng.integers(1, count + 1, 7)
-    mean, variance = regression.slope(asked, counts)
+    means, variances = regression.motion(asked, counts)
+    for both, alone in zip((means, variances), regression.posterior(asked, counts), strict=True):
+        np.testing.assert_allclose(both[0], alone, rtol=1e-9, atol=1e-15)
+    mean, variance = means[1], variances[1]
     for g, group in enumerate(groups):
         for i, n in enumerate(counts):
             expected, covariance = gp_twin.slope(
@@ -221,5 +224,5 @@ def test_slope_is_the_derivative_of_the_mean_where_all_is_motion():
     regression = conditioned((group,), times, values, noise)
     asked, counts, step = np.linspace(0.3, times[-1] - 0.3, 40), np.full(40, 80), 1e-5
     later, earlier = (regression.posterior(asked + sign * step, counts)[0] for sign in (1, -1))
-    slope, _ = regression.slope(asked, counts)
+    slope = regression.motion(asked, counts)[0][1]
     np.testing.assert_allclose(slope, (later - earlier) / (2 * step), rtol=0, atol=1e-6)

@@ -544,10 +544,10 @@ def test_twist_is_the_derivative_of_the_pose():
     inside = [(stamps > h.begin) & (stamps < h.end) for h in handovers]
     stamps = stamps[~np.any(inside, axis=0)]
     until = np.full(len(stamps), truth.stamps[-1])
-    twist, covariance = truth.twist(stamps, until)
+    twists = truth.posterior(stamps, until, twists=True).twists
     step = 20_000
     later, earlier = (whole(truth, stamps + sign * step).poses for sign in (1, -1))
     expected = se3.log(se3.inverse(earlier) @ later) / (2e-9 * step)
     assert len(stamps) > 20
-    np.testing.assert_allclose(twist, expected, rtol=0, atol=1e-6)
-    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    np.testing.assert_allclose(twists.means, expected, rtol=0, atol=1e-6)
+    assert (np.linalg.eigvalsh(twists.covariances) > 0).all()

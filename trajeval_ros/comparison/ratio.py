@@ -40,7 +40,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit
 
 Array = npt.NDArray[np.float64]
 Method = Literal["stationary_bootstrap", "block_t"]
@@ -164,7 +164,7 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
     else:
         std, dof = _block_t(linear)
     log_ratio = float(np.log(ratio))
-    half = float(student.ppf(0.975, dof)) * std
+    half = float(stdtrit(dof, 0.975)) * std
     return dataclasses.replace(
         plain,
         interval=(float(np.exp(log_ratio - half)), float(np.exp(log_ratio + half))),
@@ -177,7 +177,7 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
 def _p_value(log_ratio: float, std: float, dof: float) -> float:
     if std == 0.0:
         return 1.0 if abs(log_ratio) <= _ALIKE else 0.0
-    return float(2.0 * student.sf(abs(log_ratio) / std, dof))
+    return float(2.0 * stdtr(dof, -abs(log_ratio) / std))
 
 
 def _bootstrap(a: Array, b: Array, linear: Array, seed: int) -> tuple[float, float]:

@@ -22,7 +22,7 @@ With any other kernel ``W = L⁻¹ k`` is solved for in each block, and F is the
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -125,13 +125,11 @@ class Factor(ABC):
         """Write the blocks from number ``first`` on; ``right`` (G, b, 32, 1 + c) is ``[1 x]``."""
 
     @abstractmethod
-    def products(
-        self, times: Array, counts: Counts, asked: Cross | None = None
-    ) -> tuple[Array, Array]:
-        """Return ``vᵀ [g z]`` (G, q, 1 + c) and ``vᵀ v`` (G, q) of queries.
+    def products(self, times: Array, counts: Counts, asked: Sequence[Cross]) -> tuple[Array, Array]:
+        """Return ``vᵀ [g z]`` (G, k, q, 1 + c) and ``vᵀ v`` (G, k, q) of queries.
 
-        ``times`` (q,); of each the first ``counts`` (q,) >= 1 samples. ``asked``: with what
-        covariance ``k(t)`` to the samples, if it is not the process itself.
+        ``times`` (q,); of each the first ``counts`` (q,) >= 1 samples. ``asked``: what is to be
+        known there, by its covariance with the samples; k.
         """
 
     @abstractmethod
@@ -209,47 +207,48 @@ class MarkovFactor(Factor):
         self._step[:, first:until] = step[:, :, 0]
         return self._kernel.past(np.maximum(ends - times, 0.0))
 
-    def products(
-        self, times: Array, counts: Counts, asked: Cross | None = None
-    ) -> tuple[Array, Array]:
+    def products(self, times: Array, counts: Counts, asked: Sequence[Cross]) -> tuple[Array, Array]:
         """Of the blocks that end before a query, by their sums."""
-        cross = asked or self._kernel
         last = (counts - 1) // _BLOCK
         ends = self.times[_BLOCK - 1 : self.count : _BLOCK]
         first = np.minimum(np.searchsorted(ends, times, side="right"), last)
-        columns = self.white.shape[2]
-        found = np.zeros((self._groups, len(times), columns))
-        explained = np.zeros((self._groups, len(times)))
-        state = np.zeros((self._groups, len(times), self._kernel.rank))
+        columns, kinds = self.white.shape[2], len(asked)
+        found = np.zeros((self._groups, kinds, len(times), columns))
+        explained = np.zeros((self._groups, kinds, len(times)))
+        state = np.zeros((self._groups, kinds, len(times), self._kernel.rank))
         late = np.flatnonzero(first)
         if len(late):
-            future = cross.future((times[late] - ends[first[late] - 1])[:, None])
-            seen = (future @ self._sums[:, first[late] - 1])[:, :, 0]
-            found[:, late], state[:, late] = seen[..., :columns], seen[..., columns:]
-            explained[:, late] = (future[:, :, 0] * seen[..., columns:]).sum(axis=2)
-        for b, looking, white in self._forward(times, counts, first, state, cross):
-            known = _by_panels(white, self.white[:, b * _BLOCK : (b + 1) * _BLOCK])
-            found[:, looking] += known[:, : len(looking)]
-            explained[:, looking] += np.einsum("gqi,gqi->gq", white, white)[:, : len(looking)]
+            apart = (times[late] - ends[first[late] - 1])[:, None]
+            future = np.stack([cross.future(apart) for cross in asked], axis=1)
+            seen = (future @ self._sums[:, None, first[late] - 1])[..., 0, :]
+            found[:, :, late], state[:, :, late] = seen[..., :columns], seen[..., columns:]
+            explained[:, :, late] = (future[..., 0, :] * seen[..., columns:]).sum(axis=-1)
+        for b, looking, white in self._forward(times, counts, first, state, asked):
+            rows = kinds * len(looking)
+            known = _by_panels(white, self.white[:, b * _BLOCK : (b + 1) * _BLOCK])[:, :rows]
+            found[:, :, looking] += known.reshape(self._groups, kinds, -1, columns)
+            squares = np.einsum("gqi,gqi->gq", white, white)[:, :rows]
+            explained[:, :, looking] += squares.reshape(self._groups, kinds, -1)
         return found, explained
 
     def whitened(self, times: Array, counts: Counts) -> Array:
         """From the first block on."""
-        state = np.zeros((self._groups, len(times), self._kernel.rank))
+        state = np.zeros((self._groups, 1, len(times), self._kernel.rank))
         found = np.zeros((self._groups, len(times), rounded_up(int(counts.max(initial=0)))))
-        for b, asked, white in self._forward(
-            times, counts, np.zeros_like(counts), state, self._kernel
+        for b, looking, white in self._forward(
+            times, counts, np.zeros_like(counts), state, [self._kernel]
         ):
-            found[:, asked, b * _BLOCK : (b + 1) * _BLOCK] = white[:, : len(asked)]
+            found[:, looking, b * _BLOCK : (b + 1) * _BLOCK] = white[:, : len(looking)]
         return found
 
     def _forward(
-        self, times: Array, counts: Counts, first: Counts, state: Array, cross: Cross
+        self, times: Array, counts: Counts, first: Counts, state: Array, asked: Sequence[Cross]
     ) -> Iterator[tuple[int, Counts, Array]]:
-        """Yield each block's number, the queries that look at it, and ``v_b`` (G, panels, 32).
+        """Yield each block's number, the queries that look at it, and their ``v_b``.
 
-        ``first`` (q,): the block each query begins with; ``state`` (G, q, r) S there, overwritten;
-        ``cross``: with what covariance to the samples.
+        v_b (G, panels, 32): of the first of what is ``asked`` (k) of all queries, of the second,
+        and so on. ``first`` (q,): the block each query begins with; ``state`` (G, k, q, r) S there,
+        overwritten.
         """
         if not len(times):
             return
@@ -259,26 +258,30 @@ class MarkovFactor(Factor):
         query = np.concatenate(looks)
         place = np.repeat(numbers, [len(asked) for asked in looks])
         apart = times[query, None] - self.times.reshape(-1, _BLOCK)[place]
-        covariances = cross.cross(apart)
-        end = 0
-        for b, asked in zip(numbers, looks, strict=True):
-            if not len(asked):
+        covariances = np.stack([cross.cross(apart) for cross in asked], axis=1)
+        kinds, end = len(asked), 0
+        for b, looking in zip(numbers, looks, strict=True):
+            if not len(looking):
                 continue
-            begin, end = end, end + len(asked)
-            white = np.zeros((self._groups, _in_panels(len(asked)), _BLOCK))
-            white[:, : len(asked)] = covariances[:, begin:end]
+            begin, end = end, end + len(looking)
+            rows = kinds * len(looking)
+            white = np.zeros((self._groups, _in_panels(rows), _BLOCK))
+            white[:, :rows] = covariances[:, :, begin:end].reshape(self._groups, rows, _BLOCK)
             if b:
                 seen = np.zeros((self._groups, white.shape[1], self._kernel.rank))
-                seen[:, : len(asked)] = state[:, asked]
+                seen[:, :rows] = state[:, :, looking].reshape(self._groups, rows, -1)
                 white -= _by_panels(seen, np.swapaxes(self._future[:, b], 1, 2))
             _solve_rows(self._lower[:, b], white)
-            white[:, : len(asked)] *= np.arange(_BLOCK) < counts[asked, None] - b * _BLOCK
-            yield b, asked, white
+            known = np.arange(_BLOCK) < counts[looking, None] - b * _BLOCK
+            white[:, :rows] *= np.tile(known, (kinds, 1))
+            yield b, looking, white
             if b < numbers[-1]:
                 onwards = _by_panels(white, self._past[:, b])
                 if b:
                     onwards += _by_panels(seen, self._step[:, b])
-                state[:, asked] = onwards[:, : len(asked)]
+                state[:, :, looking] = onwards[:, :rows].reshape(
+                    self._groups, kinds, len(looking), -1
+                )
 
     def weights(self, right: Array, counts: Counts) -> Array:
         """From the last block on."""
@@ -341,11 +344,14 @@ class DenseFactor(Factor):
             self._lower[:, here, here] = np.linalg.cholesky(block)
             self.white[:, here] = _solved(self._lower[:, here, here], unseen)
 
-    def products(
-        self, times: Array, counts: Counts, asked: Cross | None = None
-    ) -> tuple[Array, Array]:
+    def products(self, times: Array, counts: Counts, asked: Sequence[Cross]) -> tuple[Array, Array]:
         """By all of v."""
-        white = np.swapaxes(self._whitened(times, counts, asked or self._kernel), 1, 2)
+        each = [self._products(times, counts, cross) for cross in asked]
+        found, explained = zip(*each, strict=True)
+        return np.stack(found, axis=1), np.stack(explained, axis=1)
+
+    def _products(self, times: Array, counts: Counts, cross: Cross) -> tuple[Array, Array]:
+        white = np.swapaxes(self._whitened(times, counts, cross), 1, 2)
         columns = np.swapaxes(self.white[:, : white.shape[1]], 1, 2)
         panels = np.zeros((*white.shape[:2], _in_panels(len(times))))
         panels[..., : len(times)] = white

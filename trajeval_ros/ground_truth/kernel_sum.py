@@ -28,6 +28,11 @@ _AnyKernel = TypeVar("_AnyKernel", bound=Kernel)
 class Cross(Protocol):
     """The covariance of something asked with the samples."""
 
+    @property
+    def one(self) -> float:
+        """What it is of a constant: the unknown mean's part in it."""
+        ...
+
     def cross(self, apart: Array) -> Array:
         """Of queries ``apart`` (a, b) seconds later than the samples; (G, a, b)."""
         ...
@@ -39,6 +44,8 @@ class Cross(Protocol):
 
 class KernelSum:
     """``k(u) = Σ_k σ_k² ρ_k(u / l_k)`` of G groups, which share the kernels."""
+
+    one = 1.0
 
     def __init__(
         self, kernels: tuple[Kernel, ...], groups: tuple[GroupHyperparameters, ...]
@@ -119,6 +126,8 @@ class KernelSlope:
 
     It is the covariance of the motion's derivative at t with a sample at t'.
     """
+
+    one = 0.0
 
     def __init__(self, kernel: KernelSum) -> None:
         """Take a sum of kernels."""

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from trajeval_ros.ground_truth.factors import DenseFactor, Factor, MarkovFactor, rounded_up
 from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM, GroupHyperparameters
-from trajeval_ros.ground_truth.kernel_sum import KernelSum
+from trajeval_ros.ground_truth.kernel_sum import KernelSlope, KernelSum
 from trajeval_ros.ground_truth.kernels import Kernel
 
 Array = npt.NDArray[np.float64]
@@ -83,28 +83,29 @@ class Regression:
 
         There is at least one.
         """
-        products, explained = self._factor.products(times, counts)
-        sums = self._sums[:, counts - 1]
-        r, information = 1.0 - products[..., 0], sums[..., 0]
-        mean = products[..., 1:] + (r / information)[..., None] * sums[..., 1:-1]
-        variance = self._variance[:, None] - explained + r * r / information
-        least = _ROUND_OFF * self._variance
-        return np.swapaxes(mean, 0, 1), np.maximum(variance.T, least)
+        mean, variance = self._given(times, counts, (self._kernel,))
+        return mean[0], variance[0]
 
-    def slope(self, times: Array, counts: Counts) -> tuple[Array, Array]:
-        """Return the motion's derivative, mean (q, G, c) and variance over ``s²`` (q, G).
+    def motion(self, times: Array, counts: Counts) -> tuple[Array, Array]:
+        """Return the same of the process and of the motion's derivative; (2, q, G, c), (2, q, G).
 
-        Given the first ``counts`` (q,) samples. It is ``posterior`` with ``∂k/∂t`` for k; the
-        correlated noise, which has no derivative, is not motion.
+        The second is the first with ``∂k/∂t`` for k; the correlated noise, which has no derivative,
+        is not motion.
         """
-        slope = self._kernel.slope
-        products, explained = self._factor.products(times, counts, slope)
-        sums = self._sums[:, counts - 1]
-        r, information = -products[..., 0], sums[..., 0]
+        return self._given(times, counts, (self._kernel, self._kernel.slope))
+
+    def _given(
+        self, times: Array, counts: Counts, asked: tuple[KernelSum | KernelSlope, ...]
+    ) -> tuple[Array, Array]:
+        products, explained = self._factor.products(times, counts, asked)
+        sums = self._sums[:, None, counts - 1]
+        ones = np.array([[what.one] for what in asked])
+        prior = np.stack([what.variance for what in asked])[..., None]
+        r, information = ones - products[..., 0], sums[..., 0]
         mean = products[..., 1:] + (r / information)[..., None] * sums[..., 1:-1]
-        variance = slope.variance[:, None] - explained + r * r / information
-        least = _ROUND_OFF * slope.variance
-        return np.swapaxes(mean, 0, 1), np.maximum(variance.T, least)
+        variance = np.swapaxes(prior, 0, 1) - explained + r * r / information
+        variance = np.maximum(variance, _ROUND_OFF * np.swapaxes(prior, 0, 1))
+        return mean.transpose(1, 2, 0, 3), variance.transpose(1, 2, 0)
 
     def squares(self, counts: Counts) -> Array:
         """``Σ q`` over a group's coordinates, given the first ``counts`` (q,) samples; (q, G)."""

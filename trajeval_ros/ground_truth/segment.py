@@ -58,7 +58,8 @@ class Samples:
 class LocalAnswer:
     """What a segment says of q queries, in its own coordinates about ``reference`` (4, 4).
 
-    ``mean`` (q, 6) and ``variances`` P (q, 6), with the squares of ``scales`` s (q, 6).
+    ``mean`` (k, q, 6) and ``variances`` P (k, q, 6), with the squares of ``scales`` s (q, 6): of
+    the coordinates and, where it was asked for (k = 2), of their derivative.
     """
 
     reference: Array
@@ -67,7 +68,18 @@ class LocalAnswer:
     scales: Array
 
 
-_NO_ANSWER = LocalAnswer(np.eye(4), np.empty((0, 6)), np.empty((0, 6)), np.empty((0, 6)))
+_NO_ANSWER = LocalAnswer(np.eye(4), np.empty((2, 0, 6)), np.empty((2, 0, 6)), np.empty((0, 6)))
+
+
+@dataclass(frozen=True, slots=True)
+class Twists:
+    """Body twists ``means`` (q, 6), m/s and rad/s, and their ``covariances`` (q, 6, 6).
+
+    The process's own derivative: of its motion, not of its correlated noise.
+    """
+
+    means: Array
+    covariances: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +88,8 @@ class Answer:
 
     ``poses`` (q, 4, 4) in the world; ``covariances`` ``Σ = B P Bᵀ`` (q, 6, 6) of their right
     perturbation, in the body frame; ``to_body`` B (q, 6, 6); ``variances`` P (q, 6) of the local
-    coordinates, with the squares of ``scales`` s (q, 6).
+    coordinates, with the squares of ``scales`` s (q, 6); ``twists``, where they were asked for: of
+    the local coordinates' derivative ``ẋ`` they are ``B ẋ``.
     """
 
     poses: Array
@@ -84,6 +97,7 @@ class Answer:
     to_body: Array
     variances: Array
     scales: Array
+    twists: Twists | None = None
 
     def __getitem__(self, index: slice) -> Answer:
         """Return consecutive answers."""
@@ -99,19 +113,23 @@ class Answer:
 def in_world(answers: Sequence[LocalAnswer]) -> Answer:
     """The answers of segments, one after the other."""
     answers = answers or [_NO_ANSWER]
-    mean, variances, scales = (
-        np.concatenate(parts)
+    means, variances, scales = (
+        np.concatenate(parts, axis=-2)
         for parts in zip(*((a.mean, a.variances, a.scales) for a in answers), strict=True)
     )
+    mean = means[0]
     references = np.stack([answer.reference for answer in answers])
-    references = references.repeat([len(answer.mean) for answer in answers], axis=0)
+    references = references.repeat([len(answer.scales) for answer in answers], axis=0)
     rotation = se3.exp_so3(mean[:, 3:])
     poses = references.copy()
     poses[:, :3, :3] = references[:, :3, :3] @ rotation
     poses[:, :3, 3] += (references[:, :3, :3] @ mean[:, :3, None])[..., 0]
     to_body = _to_body(mean[:, 3:], rotation)
-    covariances = (to_body * variances[:, None]) @ np.swapaxes(to_body, 1, 2)
-    return Answer(poses, covariances, to_body, variances, scales)
+    covariances = (to_body * variances[:, :, None]) @ np.swapaxes(to_body, 1, 2)
+    twists = None
+    if len(means) > 1:
+        twists = Twists((to_body @ means[1, :, :, None])[..., 0], covariances[1])
+    return Answer(poses, covariances[0], to_body, variances[0], scales, twists)
 
 
 class Segment:
@@ -284,28 +302,22 @@ class Segment:
         """Number of samples stamped up to each of ``until`` (q,)."""
         return np.searchsorted(self._samples.stamps, until, side="right")
 
-    def posterior(self, epoch: Epoch, stamps: Stamps, until: Stamps) -> LocalAnswer:
-        """Return the coordinates at ``stamps`` (q,), given the samples up to ``until`` (q,)."""
-        counts = self.counts(until)
-        mean, variances = epoch.regression.posterior(self._seconds(stamps), counts)
-        factor = np.repeat(epoch.scale(counts), 3, axis=1)
-        variances = factor * np.repeat(variances, mean.shape[2], axis=1)
-        reference = self._samples.poses[0]
-        return LocalAnswer(reference, mean.reshape(-1, 6), variances, np.sqrt(factor))
+    def posterior(
+        self, epoch: Epoch, stamps: Stamps, until: Stamps, motion: bool = False
+    ) -> LocalAnswer:
+        """Return the coordinates at ``stamps`` (q,), given the samples up to ``until`` (q,).
 
-    def twist(self, epoch: Epoch, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:
-        """Return the body twists (q, 6) and covariances (q, 6, 6), given samples up to ``until``.
-
-        Of the local coordinates' derivative ``ẋ`` it is ``B ẋ``, B as in `_to_body`.
+        With ``motion``, their derivative, too.
         """
         counts, seconds = self.counts(until), self._seconds(stamps)
-        mean, variances = epoch.regression.slope(seconds, counts)
-        variances = np.repeat(variances, mean.shape[2], axis=1)
-        variances *= np.repeat(epoch.scale(counts), 3, axis=1)
-        phi = epoch.regression.posterior(seconds, counts)[0].reshape(-1, 6)[:, 3:]
-        to_body = _to_body(phi, se3.exp_so3(phi))
-        twist = (to_body @ mean.reshape(-1, 6, 1))[..., 0]
-        return twist, (to_body * variances[:, None]) @ np.swapaxes(to_body, 1, 2)
+        if motion:
+            mean, variances = epoch.regression.motion(seconds, counts)
+        else:
+            mean, variances = (each[None] for each in epoch.regression.posterior(seconds, counts))
+        factor = np.repeat(epoch.scale(counts), 3, axis=1)
+        variances = factor * np.repeat(variances, mean.shape[3], axis=2)
+        reference = self._samples.poses[0]
+        return LocalAnswer(reference, mean.reshape(len(mean), -1, 6), variances, np.sqrt(factor))
 
     def cross_variances(
         self, epoch: Epoch, stamps: Stamps, known: int, until: Stamps

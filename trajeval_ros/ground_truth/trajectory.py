@@ -19,7 +19,7 @@ from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lessons
 from trajeval_ros.ground_truth.models import MODELS
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process
-from trajeval_ros.ground_truth.segment import Answer, Samples, Segment, in_world
+from trajeval_ros.ground_truth.segment import Answer, Samples, Segment, Twists, in_world
 from trajeval_ros.ground_truth.segmentation import Blended, Segmentation, SegmentShape
 
 Array = npt.NDArray[np.float64]
@@ -60,13 +60,14 @@ class Posterior:
 
     ``cross``, if it is asked for: for each pose i, (p, 6, 6), the covariances ``E[ξ_j ξ_iᵀ]`` with
     the p poses j just before it, of earlier calls as well, oldest first; with all others it is
-    zero.
+    zero. ``twists``, if they are asked for.
     """
 
     poses: Array
     covariances: Array
     sampled: Mask
     cross: tuple[Array, ...] | None = None
+    twists: Twists | None = None
 
 
 class GroundTruth:
@@ -160,46 +161,35 @@ class GroundTruth:
             before = segment
 
     def posterior(
-        self, stamps: Stamps, until: Stamps, joint: JointCovariance | None = None
+        self,
+        stamps: Stamps,
+        until: Stamps,
+        joint: JointCovariance | None = None,
+        twists: bool = False,
     ) -> Posterior:
         """Return the poses at ``stamps`` (q,), given the samples stamped up to ``until`` (q,).
 
         ``stamps`` lie between the first and the last retained sample; ``until >= stamps``, and a
         sample lies between the two. With ``joint``, the poses asked for with it before: the answers
         tell the covariance of the errors at different times, too; then both increase, from call to
-        call as well. Raises :class:`ValueError` while the hyperparameters are not known.
+        call as well. With ``twists``, the body twists, too; where two segments hand over, theirs by
+        their weights. Raises :class:`ValueError` while the hyperparameters are not known.
         """
         if not self._processes:
             raise ValueError("the hyperparameters are not known yet")
         self._advance()
         parts = [part for blended in self._segmentation for part in _parts(blended, stamps, until)]
         answers = in_world(
-            [p.segment.posterior(p.epoch, stamps[p.asked], until[p.asked]) for p in parts]
+            [p.segment.posterior(p.epoch, stamps[p.asked], until[p.asked], twists) for p in parts]
         )
         poses, covariances = _blend(len(stamps), parts, answers)
         cross = None
         if joint is not None and len(stamps):
             cross = joint.extend(stamps, until, covariances, parts, answers)
-        return Posterior(poses, covariances, self._sampled(stamps), cross)
-
-    def twist(self, stamps: Stamps, until: Stamps) -> tuple[Array, Array]:
-        """Return the body twists (q, 6), m/s and rad/s, and their covariances (q, 6, 6).
-
-        The process's own derivative: of its motion, not of its correlated noise. The arguments as
-        for `posterior`. Where two segments hand over, it is theirs by their weights.
-        """
-        if not self._processes:
-            raise ValueError("the hyperparameters are not known yet")
-        self._advance()
-        twists, covariances = np.zeros((len(stamps), 6)), np.zeros((len(stamps), 6, 6))
-        for blended in self._segmentation:
-            for part in _parts(blended, stamps, until):
-                mean, covariance = part.segment.twist(
-                    part.epoch, stamps[part.asked], until[part.asked]
-                )
-                twists[part.asked] += part.share[:, None] * mean
-                covariances[part.asked] += part.share[:, None, None] * covariance
-        return twists, covariances
+        moving = None
+        if twists and answers.twists is not None:
+            moving = _mixed(len(stamps), parts, answers.twists)
+        return Posterior(poses, covariances, self._sampled(stamps), cross, moving)
 
     def _sampled(self, stamps: Stamps) -> Mask:
         """Which of ``stamps`` (q,) do not lie in a gap, by the samples up to the next one."""
@@ -263,6 +253,16 @@ def _blend(count: int, parts: list[Part], answers: Answer) -> tuple[Array, Array
         poses[query] = se3.interpolate(poses[query], answers.poses[second], ratio)
         covariances[query] += weighted[second]
     return poses, covariances
+
+
+def _mixed(count: int, parts: list[Part], twists: Twists) -> Twists:
+    """The twists of so many queries, of all parts'."""
+    asked = np.concatenate([np.empty(0, dtype=np.intp), *(part.asked for part in parts)])
+    share = np.concatenate([np.empty(0), *(part.share for part in parts)])
+    means, covariances = np.zeros((count, 6)), np.zeros((count, 6, 6))
+    np.add.at(means, asked, share[:, None] * twists.means)
+    np.add.at(covariances, asked, share[:, None, None] * twists.covariances)
+    return Twists(means, covariances)
 
 
 def _usual(intervals: Stamps, index: Stamps) -> Array:

@@ -248,9 +248,10 @@ class Track:
                 valid &= stamps >= self._ground_truth.begin
         if valid.any():
             asked, until = stamps[valid], self._until(stamps[valid])
-            posterior = self._ground_truth.posterior(asked, until)
+            posterior = self._ground_truth.posterior(asked, until, twists=True)
             poses[valid], covariances[valid] = posterior.poses, posterior.covariances
-            twists[valid], _ = self._ground_truth.twist(asked, until)
+            assert posterior.twists is not None
+            twists[valid] = posterior.twists.means
         return Truth(poses, covariances, twists, valid)
 
     def _judge(self, stamps: Stamps) -> Mask:
