@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The format of a file by its content, whatever it is called."""
 
+import os
 import sqlite3
 from pathlib import Path
 
@@ -86,3 +87,7 @@ def test_what_cannot_be_read(tmp_path: Path) -> None:
     picture.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
     with pytest.raises(TrajectoryFileError, match="neither text nor a bag"):
         recognise(picture)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(TrajectoryFileError, match="read twice; name its format"):
+        recognise(pipe)

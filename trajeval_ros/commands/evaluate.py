@@ -67,7 +67,10 @@ def _applicable(text: str) -> tuple[str, ...]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    arguments = make_parser().parse_args(argv)
+    from trajeval_ros.commands import inputs
+
+    given = sys.argv[1:] if argv is None else argv
+    arguments = make_parser().parse_args(inputs.with_format(given))
     return console.run(lambda: evaluate(arguments), "evaluate")
 
 
@@ -75,6 +78,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
     """Read, feed the engine, write, print."""
     from trajeval_ros.commands import inputs, settings
 
+    arguments = inputs.recognised(arguments)
     names = inputs.names_of(arguments.estimate)
     parameters = settings.read(arguments.params, arguments.assignments, names)
     data = inputs.read(arguments)

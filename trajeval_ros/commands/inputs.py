@@ -8,24 +8,31 @@ import argparse
 import itertools
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import PurePath
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
 from typing import NoReturn
 
 from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.figures import table
+from trajeval_ros.files.recognise import Recognised, recognise
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 
+FORMATS = ("tum", "euroc", "kitti", "bag")
+AUTO = "auto"
 SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Ground truth and estimates as read; ``names`` (n,) of the estimates."""
+    """Ground truth and estimates as read; ``names`` (n,) of the estimates.
+
+    ``remarks``: what was assumed in reading them, a line each.
+    """
 
     ground_truth: Trajectory
     estimates: tuple[Trajectory, ...]
     names: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def estimate(self) -> Trajectory:
@@ -61,23 +68,28 @@ def add_formats(
         "kitti", help="KITTI files: the twelve numbers of 3x4 matrices", allow_abbrev=False
     )
     _add_files(kitti, "GROUND_TRUTH", "ESTIMATE", several)
-    kitti.add_argument("--times", required=True, metavar="TIMES", help="the stamps, one a row, s")
+    _add_times(kitti)
     bag = formats.add_parser(
         "bag",
         help="two topics of a bag: ROS 1, or ROS 2 (a folder, sqlite3, mcap); by header stamps",
         allow_abbrev=False,
     )
     bag.add_argument("bag", metavar="BAG", help="file or folder; without topics: lists them")
-    topic = "a topic, or /tf:PARENT.CHILD for a transform"
-    bag.add_argument("--ground-truth", metavar="TOPIC", help=topic)
-    bag.add_argument(
-        "--estimate",
-        metavar="TOPIC",
-        action="append",
-        default=[],
-        help=topic + ("; repeat it for several estimates" if several else ""),
+    _add_topics(bag, several)
+    auto = formats.add_parser(
+        AUTO,
+        help="each file's format by its content; it is what is done where no format is named",
+        allow_abbrev=False,
     )
-    for each in (tum, euroc, kitti, bag):
+    auto.add_argument(
+        "files",
+        metavar="FILE",
+        nargs="+",
+        help="GROUND_TRUTH and ESTIMATE, tum, euroc or kitti; or a bag, with its topics",
+    )
+    _add_times(auto)
+    _add_topics(auto, several)
+    for each in (tum, euroc, kitti, bag, auto):
         each.set_defaults(command_of_one=not several)
         add_options(each)
 
@@ -89,8 +101,69 @@ def _add_files(
     parser.add_argument("estimate", metavar="ESTIMATE", help=estimate, nargs="+" if several else 1)
 
 
+def _add_times(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--times",
+        metavar="TIMES",
+        help="the stamps of KITTI's poses, one a row, s (default: 10 Hz, the benchmark's)",
+    )
+
+
+def _add_topics(parser: argparse.ArgumentParser, several: bool) -> None:
+    topic = "a topic, or /tf:PARENT.CHILD for a transform"
+    parser.add_argument("--ground-truth", metavar="TOPIC", help=topic)
+    parser.add_argument(
+        "--estimate",
+        metavar="TOPIC",
+        action="append",
+        default=[],
+        help=topic + ("; repeat it for several estimates" if several else ""),
+    )
+
+
+def with_format(argv: Sequence[str]) -> list[str]:
+    """Return the arguments with ``auto`` in front where they do not begin with a format."""
+    named = not argv or argv[0] in (*FORMATS, AUTO, "-h", "--help", "--version")
+    return [*argv] if named else [AUTO, *argv]
+
+
+def recognised(arguments: argparse.Namespace) -> argparse.Namespace:
+    """Return the arguments of ``auto`` as those of the format that is found; others as they are.
+
+    Raises
+    ------
+    CommandError
+        For what cannot be read.
+    UsageError
+        For files that do not make up a ground truth and an estimate.
+    """
+    if arguments.format != AUTO:
+        return arguments
+    files: list[str] = arguments.files
+    if PurePath(files[0]).name == files[0] and "." not in files[0] and not Path(files[0]).exists():
+        raise UsageError(
+            f"there is neither a file nor a format {files[0]!r}; formats: {', '.join(FORMATS)}"
+        )
+    try:
+        found = [recognise(file) for file in files]
+    except TrajectoryFileError as error:
+        raise CommandError(str(error)) from error
+    given = vars(arguments)
+    if len(files) == 1 and found[0].format == "bag":
+        return argparse.Namespace(**{**given, "format": "bag", "bag": files[0]})
+    for file, kind in zip(files, found, strict=True):
+        if kind.format not in _FILE_READERS:
+            raise CommandError(f"{file}: it is {kind.evidence}, which does not go with other files")
+    if arguments.ground_truth is not None or arguments.estimate:
+        raise UsageError("--ground-truth and --estimate name topics, and there is no bag")
+    if len(files) == 1 or (arguments.command_of_one and len(files) > 2):
+        raise UsageError("name a ground truth and an estimate, in this order")
+    names = {"ground_truth": files[0], "estimate": files[1:], "found": tuple(found)}
+    return argparse.Namespace(**{**given, **names})
+
+
 def read(arguments: argparse.Namespace) -> Inputs:
-    """Read what the command line names.
+    """Read what the command line names, ``auto`` as `recognised`.
 
     Raises
     ------
@@ -125,7 +198,41 @@ def _read_kitti(arguments: argparse.Namespace) -> Inputs:
     def read_file(path: str) -> Trajectory:
         return read_kitti(path, arguments.times)
 
-    return _inputs(arguments.estimate, read_file(arguments.ground_truth), read_file)
+    data = _inputs(arguments.estimate, read_file(arguments.ground_truth), read_file)
+    return data if arguments.times else replace(data, remarks=(_TEN_HERTZ,))
+
+
+def _read_auto(arguments: argparse.Namespace) -> Inputs:
+    found: tuple[Recognised, ...] = arguments.found
+    paths = (arguments.ground_truth, *arguments.estimate)
+    ground_truth, *estimates = (
+        _FILE_READERS[kind.format](path, arguments) for path, kind in zip(paths, found, strict=True)
+    )
+    files: dict[str, list[str]] = {}
+    for path, kind in zip(paths, found, strict=True):
+        files.setdefault(f"{kind.format} ({kind.evidence})", []).append(path)
+    remarks = ["read as " + "; as ".join(f"{k}: {', '.join(p)}" for k, p in files.items())]
+    if arguments.times is None and any(kind.format == "kitti" for kind in found):
+        remarks.append(_TEN_HERTZ)
+    return Inputs(ground_truth, tuple(estimates), names_of(arguments.estimate), tuple(remarks))
+
+
+def _tum_file(path: str, arguments: argparse.Namespace) -> Trajectory:
+    from trajeval_ros.files.tum import read_tum
+
+    return read_tum(path)
+
+
+def _euroc_file(path: str, arguments: argparse.Namespace) -> Trajectory:
+    from trajeval_ros.files.euroc import read_euroc
+
+    return read_euroc(path)
+
+
+def _kitti_file(path: str, arguments: argparse.Namespace) -> Trajectory:
+    from trajeval_ros.files.kitti import read_kitti
+
+    return read_kitti(path, arguments.times)
 
 
 def _read_bag(arguments: argparse.Namespace) -> Inputs:
@@ -191,7 +298,15 @@ _READERS: dict[str, Callable[[argparse.Namespace], Inputs]] = {
     "euroc": _read_euroc,
     "kitti": _read_kitti,
     "bag": _read_bag,
+    AUTO: _read_auto,
 }
+# A single file, of a format that was recognised.
+_FILE_READERS: dict[str, Callable[[str, argparse.Namespace], Trajectory]] = {
+    "tum": _tum_file,
+    "euroc": _euroc_file,
+    "kitti": _kitti_file,
+}
+_TEN_HERTZ = "no --times: the poses of KITTI's files are taken to be 0.1 s apart, from 0 s"
 
 
 def check_overlap(ground_truth: Trajectory, estimate: Trajectory, time_offset: float) -> None:

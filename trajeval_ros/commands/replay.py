@@ -98,13 +98,15 @@ def split_ros_arguments(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     ours, ros = split_ros_arguments(sys.argv[1:] if argv is None else argv)
-    arguments = make_parser().parse_args(ours)
+    arguments = make_parser().parse_args(inputs.with_format(ours))
     return console.run(lambda: replay(arguments, ros), "replay")
 
 
 def replay(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
     """Read the data, and publish it."""
-    data = inputs.read(arguments)
+    data = inputs.read(inputs.recognised(arguments))
+    for remark in data.remarks:
+        print(remark, flush=True)
     inputs.check_overlap(data.ground_truth, data.estimate, arguments.time_offset)
     try:
         from trajeval_ros.commands.player import Player

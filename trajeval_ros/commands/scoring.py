@@ -71,8 +71,10 @@ def score(
             failures += none
         if len(runs) > 1 and output:
             failures += _write_together(Path(output).expanduser(), found, comparisons)
+    for remark in data.remarks:
+        print(f"info: {remark}")
     for number, (name, run) in enumerate(runs.items()):
-        if number:
+        if number or data.remarks:
             print()
         run.say(found[name], before.get(name), apply)
         failures += dict.fromkeys(run.failures.values())

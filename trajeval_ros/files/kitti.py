@@ -2,23 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The KITTI format: a row is the first three rows of ``T_world_camera``.
 
-The stamps are in a file of their own, a row of seconds each.
+The stamps are in a file of their own, a row of seconds each; without it the poses are a tenth of a
+second apart, as the benchmark's are.
 """
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.files.text import PathLike, read_table, stamps_from_seconds
-from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+from trajeval_ros.files.text import PathLike, Table, read_table, stamps_from_seconds
+from trajeval_ros.files.trajectory import Integers, Trajectory, TrajectoryFileError
 
 Array = npt.NDArray[np.float64]
 
 # KITTI's own matrices are orthonormal to 1e-6 only, some systems write four digits.
 _ORTHONORMAL_TO = 1e-2
+_INTERVAL = 100_000_000
 
 
-def read_kitti(path: PathLike, times: PathLike) -> Trajectory:
+def read_kitti(path: PathLike, times: PathLike | None = None) -> Trajectory:
     """Read a trajectory; its rotations become quaternions.
 
     A matrix that is not a rotation to 1e-2 (a zero or scaled one, a mirror image) gets the
@@ -27,20 +29,14 @@ def read_kitti(path: PathLike, times: PathLike) -> Trajectory:
 
     Args:
         path: the file of poses, 12 columns.
-        times: the file of stamps, one column.
+        times: the file of stamps, one column; None: 10 Hz, from zero.
 
     Raises:
         TrajectoryFileError: one of the files cannot be read, is empty or has another number of
             columns, or they have different numbers of rows.
     """
     table = read_table(path, {12: "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"})
-    stamp_table = read_table(times, {1: "seconds"})
-    if len(stamp_table.rows) != len(table.rows):
-        raise TrajectoryFileError(
-            stamp_table.source,
-            f"{len(stamp_table.rows)} stamps for the {len(table.rows)} poses of {table.source}",
-        )
-    stamps, finite = stamps_from_seconds(stamp_table)
+    stamps, finite = _stamps(table, times)
     matrices = table.values[finite].reshape(-1, 3, 4)
     return Trajectory(
         stamps=stamps[finite],
@@ -50,6 +46,20 @@ def read_kitti(path: PathLike, times: PathLike) -> Trajectory:
         source=table.source,
         non_finite_stamp_rows=table.rows[~finite],
     )
+
+
+def _stamps(table: Table, times: PathLike | None) -> tuple[Integers, npt.NDArray[np.bool_]]:
+    """The stamps (N,) ns of the rows, and which are finite."""
+    count = len(table.rows)
+    if times is None:
+        return _INTERVAL * np.arange(count, dtype=np.int64), np.ones(count, dtype=np.bool_)
+    stamp_table = read_table(times, {1: "seconds"})
+    if len(stamp_table.rows) != count:
+        raise TrajectoryFileError(
+            stamp_table.source,
+            f"{len(stamp_table.rows)} stamps for the {count} poses of {table.source}",
+        )
+    return stamps_from_seconds(stamp_table)
 
 
 def _quaternions(matrices: Array) -> Array:

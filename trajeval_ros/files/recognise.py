@@ -52,12 +52,17 @@ def recognise(path: PathLike) -> Recognised:
 
     Raises:
         TrajectoryFileError: the file cannot be read, is neither text nor of a known kind, or is a
-            folder without a bag in it.
+            folder without a bag in it; or is a pipe.
     """
     source = os.fspath(path)
     try:
         if os.path.isdir(source):
             return _folder(source)
+        if not os.path.isfile(source) and os.path.exists(source):
+            # What is read of a pipe is gone for its reader.
+            raise TrajectoryFileError(
+                source, "it is no file that can be read twice; name its format"
+            )
         with open(source, "rb") as file:
             head = file.read(_HEAD + 1)
     except OSError as error:

@@ -171,8 +171,12 @@ def read_euroc(path: PathLike, *, name: str | None = None) -> Trajectory:
     return Trajectory._of_file(read(path), name)
 
 
-def read_kitti(path: PathLike, times: PathLike, *, name: str | None = None) -> Trajectory:
+def read_kitti(
+    path: PathLike, times: PathLike | None = None, *, name: str | None = None
+) -> Trajectory:
     r"""Read KITTI's rows of twelve numbers, and their stamps [s] from the file ``times``.
+
+    Without it they are 0.1 s apart, as the benchmark's are.
 
     As :func:`read_tum`.
 
