@@ -12,7 +12,6 @@ answers is, too, across gaps as well. At 1 the old segment is closed.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
@@ -123,23 +122,35 @@ class Segmentation:
     def __init__(self, shape: SegmentShape) -> None:
         """Start without segments."""
         self._shape = shape
-        self._segments: deque[Segment] = deque()
-        self._handovers: deque[HandOver] = deque()  # one between every two neighbours
+        self._segments: list[Segment] = []
+        self._handovers: list[HandOver] = []  # one between every two neighbours
         self._first_incoming: HandOver | None = None
         self._trigger = (0, 0.0)  # samples and angle of the old segment when its hand-over began
         self.opened = 0
 
     def __iter__(self) -> Iterator[Blended]:
         """Iterate over the retained segments with their hand-overs."""
-        incoming = [self._first_incoming, *self._handovers]
-        outgoing = [*self._handovers, None]
-        indices = count(self.opened - len(self._segments))
-        return map(Blended, indices, self._segments, incoming, outgoing)
+        return self.since(0)
+
+    def since(self, index: int) -> Iterator[Blended]:
+        """Iterate over those from the one with that ``index`` on."""
+        oldest = self.opened - len(self._segments)
+        first = max(index - oldest, 0)
+        incoming = (
+            self._handovers[first - 1 :] if first else [self._first_incoming, *self._handovers]
+        )
+        outgoing = [*self._handovers[first:], None]
+        return map(Blended, count(oldest + first), self._segments[first:], incoming, outgoing)
+
+    @property
+    def first_open(self) -> int:
+        """The index of the oldest segment that is not closed."""
+        return self.opened - len(self.open)
 
     @property
     def open(self) -> list[Segment]:
         """The segments that are not closed yet."""
-        return list(self._segments)[-2 if self._handing_over else -1 :]
+        return self._segments[-2 if self._handing_over else -1 :]
 
     @property
     def _handing_over(self) -> bool:
@@ -210,11 +221,14 @@ class Segmentation:
 
     def forget(self, before: int) -> None:
         """Drop the closed segments that have no weight at ``before`` (ns) or later."""
-        while self._handovers and self._handovers[0].last >= 1.0:
-            if self._handovers[0].end > before:
+        over = 0
+        while over < len(self._handovers) and self._handovers[over].last >= 1.0:
+            if self._handovers[over].end > before:
                 break
-            self._first_incoming = self._handovers.popleft()
-            self._segments.popleft()
+            over += 1
+        if over:
+            self._first_incoming = self._handovers[over - 1]
+            del self._handovers[:over], self._segments[:over]
 
 
 def _angles(coordinates: Array) -> Array:

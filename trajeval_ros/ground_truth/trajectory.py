@@ -90,6 +90,7 @@ class GroundTruth:
             self._use(given)
         self._stamps = np.empty(0, dtype=np.int64)
         self._begin: int | None = None
+        self._settled = 0  # the segments before this one are closed and conditioned
 
     @property
     def begin(self) -> int | None:
@@ -120,7 +121,7 @@ class GroundTruth:
         """Add samples, each later than all before."""
         self._stamps = np.concatenate([self._stamps, samples.stamps])
         for closed in self._segmentation.append(samples):
-            self._advance()
+            self._advance(closed)
             if closed.begun:
                 self._fits.add(closed)
             if self._lessons is not None:
@@ -144,12 +145,15 @@ class GroundTruth:
         """The process of a segment, by its index."""
         return next(p for first, p in reversed(self._processes) if first <= index)
 
-    def _advance(self) -> None:
-        """Condition every segment on its samples; a new one goes on where the one before is."""
+    def _advance(self, through: Segment | None = None) -> None:
+        """Condition the segments up to ``through`` on their samples; all without it.
+
+        A new one goes on where the one before is.
+        """
         if not self._processes:
             return
         before: Segment | None = None
-        for blended in self._segmentation:
+        for blended in self._segmentation.since(self._settled - 1):
             segment = blended.segment
             if not segment.begun:
                 process = self._process(blended.index)
@@ -159,6 +163,9 @@ class GroundTruth:
                 segment.begin(process, regimes)
             segment.advance()
             before = segment
+            if segment is through:
+                break
+        self._settled = min(self._segmentation.first_open, blended.index + 1)
 
     def posterior(
         self,
