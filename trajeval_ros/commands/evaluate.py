@@ -82,9 +82,10 @@ def evaluate(arguments: argparse.Namespace) -> int:
     names = inputs.names_of(arguments.estimate)
     parameters = settings.read(arguments.params, arguments.assignments, names)
     data = inputs.read(arguments)
-    for name, estimate in zip(data.names, data.estimates, strict=True):
-        offset = parameters[f"{name}.time_offset"]
-        inputs.check_overlap(data.ground_truth, estimate, float(offset))  # type: ignore[arg-type]
+    offsets = [float(parameters[f"{name}.time_offset"]) for name in data.names]  # type: ignore[arg-type]
+    for estimate, offset in zip(data.estimates, offsets, strict=True):
+        inputs.check_overlap(data.ground_truth, estimate, offset)
+    data = inputs.cut(arguments, data, offsets)
     # Only now, so that wrong usage and bad files are known at once: this brings in SciPy.
     from trajeval_ros.commands import scoring
 

@@ -47,6 +47,8 @@ def account(counts: Figures, taken: str) -> str:
     if rejected:
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in rejected.items())
         parts.append(f"{sum(rejected.values()):,} rejected ({reasons})")
+    if counts.get("cut"):
+        parts.append(f"{counts['cut']:,} cut before")
     return ", ".join(parts)
 
 

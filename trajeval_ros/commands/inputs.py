@@ -15,6 +15,7 @@ from typing import NoReturn
 from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.figures import table
 from trajeval_ros.files.recognise import Recognised, recognise
+from trajeval_ros.files.span import Instant, SpanError, cut_all, span_of, words
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 
 FORMATS = ("tum", "euroc", "kitti", "bag")
@@ -90,6 +91,7 @@ def add_formats(
     _add_times(auto)
     _add_topics(auto, several)
     for each in (tum, euroc, kitti, bag, auto):
+        _add_span(each)
         each.set_defaults(command_of_one=not several)
         add_options(each)
 
@@ -99,6 +101,52 @@ def _add_files(
 ) -> None:
     parser.add_argument("ground_truth", metavar="GROUND_TRUTH", help=ground_truth)
     parser.add_argument("estimate", metavar="ESTIMATE", help=estimate, nargs="+" if several else 1)
+
+
+def _add_span(parser: argparse.ArgumentParser) -> None:
+    for name, text in (("start", "leave out what comes before"), ("end", "and what comes after")):
+        parser.add_argument(
+            f"--{name}",
+            metavar="T",
+            type=_instant,
+            help=f"{text}: seconds since the ground truth's first pose, or a stamp (s, ns) where it"
+            " is 1e8 or more",
+        )
+
+
+def _instant(text: str) -> Instant:
+    try:
+        return Instant.of(text)
+    except SpanError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def cut(arguments: argparse.Namespace, data: Inputs, time_offsets: Sequence[float]) -> Inputs:
+    """Return the inputs cut to ``--start`` and ``--end``; a remark says what was left out.
+
+    ``time_offsets`` (s) are added to the stamps of the estimates.
+
+    Raises
+    ------
+    CommandError
+        Where nothing is left.
+    """
+    try:
+        span = span_of(arguments.start, arguments.end, data.ground_truth)
+        if span is None:
+            return data
+        offsets = [round(offset * SECOND) for offset in time_offsets]
+        truth, estimates = cut_all(
+            span,
+            data.ground_truth,
+            dict(zip(data.names, data.estimates, strict=True)),
+            dict(zip(data.names, offsets, strict=True)),
+        )
+    except SpanError as error:
+        raise CommandError(str(error)) from error
+    kept = tuple(estimates.values())
+    remarks = (*data.remarks, words(span, truth, kept))
+    return replace(data, ground_truth=truth, estimates=kept, remarks=remarks)
 
 
 def _add_times(parser: argparse.ArgumentParser) -> None:

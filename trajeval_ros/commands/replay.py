@@ -105,9 +105,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 def replay(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
     """Read the data, and publish it."""
     data = inputs.read(inputs.recognised(arguments))
+    inputs.check_overlap(data.ground_truth, data.estimate, arguments.time_offset)
+    data = inputs.cut(arguments, data, [arguments.time_offset])
     for remark in data.remarks:
         print(remark, flush=True)
-    inputs.check_overlap(data.ground_truth, data.estimate, arguments.time_offset)
     try:
         from trajeval_ros.commands.player import Player
     except ImportError as error:

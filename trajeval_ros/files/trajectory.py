@@ -47,6 +47,7 @@ class Trajectory:
         source: the file, and the topic, as the user named them.
         covariances: (N, 6, 6) about fixed axes as in ROS messages, or None where there are none.
         non_finite_stamp_rows: (K,) int64, rows left out.
+        cut: how many rows were left out because they lie outside the span that was asked for.
     """
 
     stamps: Integers
@@ -58,6 +59,7 @@ class Trajectory:
     non_finite_stamp_rows: Integers = dataclasses.field(
         default_factory=lambda: np.zeros(0, dtype=np.int64)
     )
+    cut: int = 0
 
     def __post_init__(self) -> None:
         count = len(self.stamps)

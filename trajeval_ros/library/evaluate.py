@@ -12,6 +12,7 @@ from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
+from trajeval_ros.files.span import Instant, cut_all, span_of
 from trajeval_ros.library.result import Poses, Result, Results
 from trajeval_ros.library.settings import parameters_of
 from trajeval_ros.library.trajectory import Trajectory
@@ -29,13 +30,30 @@ _PIECES = 120
 
 
 @overload
-def evaluate(ground_truth: Trajectory, estimate: Trajectory, **settings: object) -> Result: ...
+def evaluate(
+    ground_truth: Trajectory,
+    estimate: Trajectory,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    **settings: object,
+) -> Result: ...
 @overload
 def evaluate(
-    ground_truth: Trajectory, estimate: Mapping[str, Trajectory], **settings: object
+    ground_truth: Trajectory,
+    estimate: Mapping[str, Trajectory],
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    **settings: object,
 ) -> Results: ...
 def evaluate(
-    ground_truth: Trajectory, estimate: Trajectory | Mapping[str, Trajectory], **settings: object
+    ground_truth: Trajectory,
+    estimate: Trajectory | Mapping[str, Trajectory],
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    **settings: object,
 ) -> Result | Results:
     """Evaluate one estimate, or several by name, against a ground truth.
 
@@ -44,11 +62,15 @@ def evaluate(
     ``relative_delta=5.0, relative_unit="m"``, ``estimate_time_offset=0.01``; of several estimates,
     what is an estimate's own begins with its name: ``vins_time_offset=0.01``.
 
+    ``start`` and ``end`` leave out what comes before and after: seconds since the ground truth's
+    first pose; or stamps, s or ns, from 1e8 on. What is left out is counted as ``cut``.
+
     Returns a :class:`Result`; of several, :class:`Results`: a dict of them with ``.comparison``.
     Names are of small letters, digits and underscores.
 
     Raises :class:`ValueError` for a setting that is unknown or out of range, for a name that cannot
-    be one, and where of an estimate not a single pose can be evaluated (it says why).
+    be one, for a span that is none, and where of an estimate not a single pose can be evaluated (it
+    says why).
 
     >>> import numpy as np
     >>> import trajeval_ros as te
@@ -62,20 +84,26 @@ def evaluate(
     0.017 m
     """
     if isinstance(estimate, Trajectory):
-        return _evaluate(ground_truth, {ONE[0]: estimate}, settings)[0][ONE[0]]
+        one = {ONE[0]: estimate}
+        return _evaluate(ground_truth, one, settings, start, end)[0][ONE[0]]
     if not estimate:
         raise ValueError("no estimate is given")
-    results, comparison = _evaluate(ground_truth, dict(estimate), settings)
+    results, comparison = _evaluate(ground_truth, dict(estimate), settings, start, end)
     return Results(results, comparison)
 
 
 def _evaluate(
-    truth: Trajectory, estimates: Mapping[str, Trajectory], settings: Mapping[str, object]
+    truth: Trajectory,
+    estimates: Mapping[str, Trajectory],
+    settings: Mapping[str, object],
+    start: float | None,
+    end: float | None,
 ) -> tuple[dict[str, Result], list[Comparison]]:
     names = tuple(estimates)
     parameters = parameters_of(settings, names)
     joint = parameters["likelihood.covariance"] == "joint"
     engine = Engine(parameters, names, whole=not joint)
+    truth, estimates = _cut(truth, estimates, engine, start, end)
     records = {
         name: Report(
             of_estimate(parameters, name),
@@ -98,6 +126,23 @@ def _evaluate(
         for name, one in found_of.items()
     ]
     return found_of, list(compared(evaluated, engine.settings.evaluation))
+
+
+def _cut(
+    truth: Trajectory,
+    estimates: Mapping[str, Trajectory],
+    engine: Engine,
+    start: float | None,
+    end: float | None,
+) -> tuple[Trajectory, Mapping[str, Trajectory]]:
+    instants = [None if given is None else Instant.of(given) for given in (start, end)]
+    span = span_of(instants[0], instants[1], truth.data)
+    if span is None:
+        return truth, estimates
+    offsets = {name: one.time_offset for name, one in engine.settings.estimates.items()}
+    data = {name: one.data for name, one in estimates.items()}
+    left, cut = cut_all(span, truth.data, data, offsets)
+    return truth.with_data(left), {n: one.with_data(cut[n]) for n, one in estimates.items()}
 
 
 def _compared(name: str, poses: Poses, offset: int) -> Evaluated:

@@ -69,6 +69,10 @@ class Trajectory:
         made._data = data
         return made
 
+    def with_data(self, data: files.Trajectory) -> Trajectory:
+        """Return a trajectory of the same name with other rows."""
+        return self._of_file(data, self.name)
+
     @property
     def stamps(self) -> Stamps:
         """(N,) int64, ns."""

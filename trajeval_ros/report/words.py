@@ -326,6 +326,8 @@ def accounts(run: Run) -> list[Row]:
             for reason, count in counts["rejected"].items()
             if count
         ]
+        if counts.get("cut"):
+            rows.append((f"{title}, cut", f"{counts['cut']:,}", "outside of --start and --end"))
     return rows
 
 

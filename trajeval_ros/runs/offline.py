@@ -200,7 +200,9 @@ def why_none(source: str, poses: int, counts: Figures) -> str | None:
 
 
 def count_unstamped(counts: Figures, trajectory: Trajectory) -> None:
-    """Account for the rows whose stamp is not a number, which the engine cannot be given."""
+    """Account for the rows that the engine is not given: no number for a stamp; cut, if any."""
+    if trajectory.cut:
+        counts["cut"] = trajectory.cut
     count = len(trajectory.non_finite_stamp_rows)
     if count:
         counts["received"] += count
