@@ -286,7 +286,7 @@ def test_bad_poses_are_counted_by_reason(
         "zero_quaternion": (1, 121),
         "unnormalized_quaternion": (2, 131),
         "out_of_order": (1, 201),
-        "duplicate_stamp": (1, 251),
+        "superseded": (1, 250),
     }
     for reason, (count, row) in reasons.items():
         assert account["estimate"]["rejected"][reason] == count

@@ -111,14 +111,9 @@ def test_separators(write, content):
 
 def test_bad_poses_are_kept(write):
     trajectory = read_tum(
-        write("3 nan 0 0 0 0 0 1\n2 0 0 0 0 0 0 0\n2 0 inf 0 0 0 0 1.1\n1 0 0 -inf 0 0 NaN 1\n")
+        write("1 nan 0 0 0 0 0 1\n2 0 0 0 0 0 0 0\n3 0 inf 0 0 0 0 1.1\n4 0 0 -inf 0 0 NaN 1\n")
     )
-    assert trajectory.stamps.tolist() == [
-        3_000_000_000,
-        2_000_000_000,
-        2_000_000_000,
-        1_000_000_000,
-    ]
+    assert (trajectory.stamps // 1_000_000_000).tolist() == [1, 2, 3, 4]
     assert np.isnan(trajectory.positions[0, 0])
     assert trajectory.quaternions[1].tolist() == [0, 0, 0, 0]
     assert trajectory.quaternions[2, 3] == 1.1
@@ -147,7 +142,7 @@ def test_stamps_that_are_not_finite_are_listed(write):
         (f"1_0 {POSE}\n", ", row 1: '1_0' is not a number"),
         (f"0x10 {POSE}\n", ", row 1: '0x10' is not a number"),
         (f"{'y' * 200} {POSE}\n", "yyy...' is not a number"),
-        (f"1403638128940097024 {POSE}\n", ", row 1: the stamp '1403638128940097024' is out of"),
+        (f"9403638128940 {POSE}\n", ", row 1: the stamp '9403638128940' is out of the range of"),
         (f"1 {POSE}\n9223372036.854775808 {POSE}\n", ", row 2: the stamp '9223372036.854775808'"),
         (f"1 {POSE}\n1e300 {POSE}\n", ", row 2: the stamp '1e300' is out of the range"),
         (b"\x00\xff\xfe\x00", "it is not a text file"),
@@ -184,7 +179,8 @@ def test_files_that_cannot_be_opened(tmp_path):
         ),
         min_size=1,
         max_size=20,
-    )
+        unique_by=lambda pose: pose[0],
+    ).map(sorted)
 )
 def test_tum_round_trip(tmp_path, poses):
     stamps = np.array([stamp for stamp, _ in poses], dtype=np.int64)
@@ -235,11 +231,11 @@ def test_euroc_stamps_in_scientific_notation(write):
         ("", "there is nothing in it"),
         ("time,x,y\n", ", row 1: 'time' is not a number"),
         (
-            "1403,1,2,3\n",
-            ", row 1: 4 columns where there should be 8 (stamp px py pz qw qx qy qz) or 17",
+            "1403,1,2\n",
+            ", row 1: 3 columns where there should be 8 (stamp px py pz qw qx qy qz) or 17",
         ),
         ("1403,1,2,3,1,0,0,0\n1404,1,2,3,1,0,0\n", ", row 2: 7 columns where there should be 8 ("),
-        ("1403715529.112143517,1,2,3,1,0,0,0\n", "not a whole number of nanoseconds"),
+        ("1403715529112143.5,1,2,3,1,0,0,0\n", "not a whole number of nanoseconds"),
         ("9223372036854775808,1,2,3,1,0,0,0\n", "out of the range of nanoseconds"),
         ("1e99,1,2,3,1,0,0,0\n", "out of the range of nanoseconds"),
     ],
@@ -316,12 +312,15 @@ def test_real_files():
         if name == "groundtruth.txt" and "groundtruth" not in meta:
             assert len(trajectory) > 100
         elif name == "groundtruth.txt":
-            assert len(trajectory) == meta["groundtruth"]["n_gt"]
+            count = len(trajectory) + len(trajectory.superseded_rows)
+            assert count == meta["groundtruth"]["n_gt"]
             assert trajectory.stamps[0] == nanoseconds(meta["groundtruth"]["stamp_first"])
             assert trajectory.stamps[-1] == nanoseconds(meta["groundtruth"]["stamp_last"])
         else:
-            assert len(trajectory) == meta["estimates"][path.stem]["n_est"]
-        rows = [line.split() for line in path.read_text().splitlines() if not line.startswith("#")]
+            count = len(trajectory) + len(trajectory.superseded_rows)
+            assert count == meta["estimates"][path.stem]["n_est"]
+        lines = path.read_text().splitlines()
+        rows = [lines[row - 1].split() for row in trajectory.rows]
         assert trajectory.stamps.tolist() == [nanoseconds(row[0]) for row in rows]
         table = np.array([row[:8] for row in rows], dtype=np.float64)
         np.testing.assert_array_equal(trajectory.positions, table[:, 1:4])

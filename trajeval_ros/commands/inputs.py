@@ -42,6 +42,11 @@ class Inputs:
         return estimate
 
 
+def _differences(*read: Trajectory) -> tuple[str, ...]:
+    """What was read differently from the plain formats, a line a file."""
+    return tuple(f"{one.source}: {'; '.join(one.remarks)}" for one in read if one.remarks)
+
+
 def add_formats(
     parser: argparse.ArgumentParser,
     add_options: Callable[[argparse.ArgumentParser], None],
@@ -93,6 +98,11 @@ def add_formats(
     for each in (tum, euroc, kitti, bag, auto):
         _add_span(each)
         each.set_defaults(command_of_one=not several)
+        each.add_argument(
+            "--strict",
+            action="store_true",
+            help="refuse what is not as the format has it, instead of reading it and saying so",
+        )
         add_options(each)
 
 
@@ -216,12 +226,17 @@ def read(arguments: argparse.Namespace) -> Inputs:
     Raises
     ------
     CommandError
-        For what cannot be read as a trajectory; names the file and the row.
+        For what cannot be read as a trajectory; names the file and the row. With ``--strict`` also
+        for what is not as its format has it.
     """
     try:
-        return _READERS[arguments.format](arguments)
+        inputs = _READERS[arguments.format](arguments)
     except TrajectoryFileError as error:
         raise CommandError(str(error)) from error
+    differences = _differences(inputs.ground_truth, *inputs.estimates)
+    if arguments.strict and differences:
+        raise CommandError(f"--strict: {differences[0]}")
+    return replace(inputs, remarks=inputs.remarks + differences)
 
 
 def _read_tum(arguments: argparse.Namespace) -> Inputs:

@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.files.text import PathLike, Table, read_table, stamps_from_seconds
+from trajeval_ros.files.rows import trajectory_of
+from trajeval_ros.files.stamps import SECONDS, read_stamps
+from trajeval_ros.files.text import Layout, PathLike, Table, read_table
 from trajeval_ros.files.trajectory import Integers, Trajectory, TrajectoryFileError
 
 Array = npt.NDArray[np.float64]
@@ -35,31 +37,29 @@ def read_kitti(path: PathLike, times: PathLike | None = None) -> Trajectory:
         TrajectoryFileError: one of the files cannot be read, is empty or has another number of
             columns, or they have different numbers of rows.
     """
-    table = read_table(path, {12: "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"})
-    stamps, finite = _stamps(table, times)
-    matrices = table.values[finite].reshape(-1, 3, 4)
-    return Trajectory(
-        stamps=stamps[finite],
-        positions=matrices[:, :, 3].copy(),
-        quaternions=_quaternions(matrices[:, :, :3]),
-        rows=table.rows[finite],
-        source=table.source,
-        non_finite_stamp_rows=table.rows[~finite],
-    )
+    table = read_table(path, Layout({12: "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"}))
+    stamps, finite, remarks = _stamps(table, times)
+    matrices = table.values.reshape(-1, 3, 4)
+    quaternions = _quaternions(matrices[:, :, :3])
+    return trajectory_of(table, stamps, finite, matrices[:, :, 3], quaternions, remarks)
 
 
-def _stamps(table: Table, times: PathLike | None) -> tuple[Integers, npt.NDArray[np.bool_]]:
-    """The stamps (N,) ns of the rows, and which are finite."""
+def _stamps(
+    table: Table, times: PathLike | None
+) -> tuple[Integers, npt.NDArray[np.bool_], tuple[str, ...]]:
+    """The stamps (N,) ns of the rows, which are finite, and remarks."""
     count = len(table.rows)
     if times is None:
-        return _INTERVAL * np.arange(count, dtype=np.int64), np.ones(count, dtype=np.bool_)
-    stamp_table = read_table(times, {1: "seconds"})
+        return _INTERVAL * np.arange(count, dtype=np.int64), np.ones(count, dtype=np.bool_), ()
+    stamp_table = read_table(times, Layout({1: "seconds"}))
     if len(stamp_table.rows) != count:
         raise TrajectoryFileError(
             stamp_table.source,
-            f"{len(stamp_table.rows)} stamps for the {count} poses of {table.source}",
+            f"{len(stamp_table.rows):,} stamps for the {count:,} poses of {table.source}: there"
+            " must be one a pose, in the same order; is it of this sequence, and whole?",
         )
-    return stamps_from_seconds(stamp_table)
+    stamps, finite, remarks = read_stamps(stamp_table, SECONDS)
+    return stamps, finite, (*stamp_table.remarks, *remarks)
 
 
 def _quaternions(matrices: Array) -> Array:

@@ -32,12 +32,12 @@ class TrajectoryFileError(Exception):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Poses as they stand in a file, in its order; nothing is judged, sorted or left out.
+    """Poses as they stand in a file, in the order of their stamps; nothing is judged.
 
-    Values that are not finite, stamps that go back and quaternions of any norm are kept: the
-    engine counts them by reason. Only a row whose stamp is not finite cannot be kept, because
-    a stamp is an integer; such rows are listed in `non_finite_stamp_rows` for the caller to
-    count as received and rejected.
+    Values that are not finite and quaternions of any norm are kept: the engine counts them by
+    reason. Only a row whose stamp is not finite cannot be kept, because a stamp is an integer, and
+    of rows with one stamp only the last is; the others are listed for the caller to count as
+    received and rejected.
 
     Attributes:
         stamps: (N,) int64 ns, as exact as the file has them.
@@ -48,6 +48,8 @@ class Trajectory:
         covariances: (N, 6, 6) about fixed axes as in ROS messages, or None where there are none.
         non_finite_stamp_rows: (K,) int64, rows left out.
         cut: how many rows were left out because they lie outside the span that was asked for.
+        superseded_rows: (L,) int64, rows left out because a later one has the same stamp.
+        remarks: what was read differently from the plain format, a clause each.
     """
 
     stamps: Integers
@@ -60,6 +62,10 @@ class Trajectory:
         default_factory=lambda: np.zeros(0, dtype=np.int64)
     )
     cut: int = 0
+    superseded_rows: Integers = dataclasses.field(
+        default_factory=lambda: np.zeros(0, dtype=np.int64)
+    )
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.stamps)
@@ -83,5 +89,5 @@ class Trajectory:
         return PoseSamples(self.stamps, self.positions, self.quaternions, self.covariances)
 
     def where(self, row: int) -> str:
-        """File and row, one of `rows` or of `non_finite_stamp_rows`, as in the errors."""
+        """File and row, one of `rows` or of those left out, as in the errors."""
         return f"{self.source}, row {row}"

@@ -6,29 +6,40 @@ import os
 
 import numpy as np
 
-from trajeval_ros.files.text import PathLike, read_table, stamps_from_seconds
+from trajeval_ros.files.names import Columns
+from trajeval_ros.files.rows import covariances_of, trajectory_of
+from trajeval_ros.files.stamps import SECONDS, read_stamps
+from trajeval_ros.files.text import Layout, PathLike, read_table
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 
-_COLUMNS = {8: "stamp tx ty tz qx qy qz qw"}
+_NAMED = Columns((0,), SECONDS, (1, 2, 3), 1.0, (4, 5, 6, 7))
+_WITH_COVARIANCE = 20
+_LAYOUT = Layout(
+    {8: "stamp tx ty tz qx qy qz qw"},
+    also={_WITH_COVARIANCE: "and two covariances, of orientation and position"},
+    named=_NAMED,
+    index=True,
+)
 
 
 def read_tum(path: PathLike) -> Trajectory:
     """Read a trajectory; stamps are exact to the nanosecond.
 
+    Twelve columns more are the upper triangles of two covariances, the orientation's first, as
+    OpenVINS writes them.
+
     Raises:
         TrajectoryFileError: the file cannot be read, is empty, or a row of it is not eight
             numbers.
     """
-    table = read_table(path, _COLUMNS)
-    stamps, finite = stamps_from_seconds(table)
-    return Trajectory(
-        stamps=stamps[finite],
-        positions=table.values[finite, 1:4],
-        quaternions=table.values[finite, 4:8],
-        rows=table.rows[finite],
-        source=table.source,
-        non_finite_stamp_rows=table.rows[~finite],
-    )
+    table = read_table(path, _LAYOUT)
+    stamps, finite, remarks = read_stamps(table, SECONDS)
+    quaternions, covariances = table.values[:, 4:8], None
+    if table.values.shape[1] == _WITH_COVARIANCE:
+        covariances = covariances_of(table.values[:, 8:], quaternions)
+        remarks = (*remarks, "columns 9 to 20 are covariances, of orientation and position")
+    positions = table.values[:, 1:4]
+    return trajectory_of(table, stamps, finite, positions, quaternions, remarks, covariances)
 
 
 def write_tum(path: PathLike, trajectory: Trajectory) -> None:

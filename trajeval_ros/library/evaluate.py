@@ -22,7 +22,7 @@ from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
-from trajeval_ros.runs.offline import compared, count_unstamped, why_none
+from trajeval_ros.runs.offline import compared, count_left_out, why_none
 from trajeval_ros.wall import shield
 
 # Points of the report's running figures.
@@ -163,8 +163,8 @@ def _result(
 ) -> Result:
     poses = Poses.of([results.evaluations for results in kept])
     summary: dict[str, Any] = engine.summary(name)
-    count_unstamped(summary["estimate"], estimate.data)
-    count_unstamped(summary["ground_truth"], truth.data)
+    count_left_out(summary["estimate"], estimate.data)
+    count_left_out(summary["ground_truth"], truth.data)
     why = why_none(estimate.name, len(estimate), summary["estimate"])
     if why is not None:
         raise ValueError(why)

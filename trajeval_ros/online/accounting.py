@@ -20,6 +20,7 @@ class Reason(StrEnum):
     ZERO_STAMP = "zero_stamp"
     DUPLICATE_STAMP = "duplicate_stamp"
     OUT_OF_ORDER = "out_of_order"
+    SUPERSEDED = "superseded"
     STAMP_JUMP = "stamp_jump"
     OUTLIER = "outlier"
     FLIP = "flip"
@@ -45,6 +46,7 @@ _EXPLANATIONS = {
     Reason.ZERO_STAMP: "the stamp is zero, so it was not set",
     Reason.DUPLICATE_STAMP: "the stamp repeats the one before",
     Reason.OUT_OF_ORDER: "the stamp is earlier than one that came before",
+    Reason.SUPERSEDED: "a later row of the file has the same stamp, and counts",
     Reason.STAMP_JUMP: "the stamp leaps ahead of those around it",
     Reason.OUTLIER: "it lies far from the samples before and after it",
     Reason.FLIP: "it is turned on the spot, unlike the samples before and after it",

@@ -33,7 +33,6 @@ from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
 
-_NON_FINITE = str(Reason.NON_FINITE)
 _SECOND = 1_000_000_000
 
 # So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it. The
@@ -122,8 +121,8 @@ def _scored(
     report.notices = engine.notices(name)
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     summary: Figures = engine.summary(name)
-    count_unstamped(summary["estimate"], estimate)
-    count_unstamped(summary["ground_truth"], truth)
+    count_left_out(summary["estimate"], estimate)
+    count_left_out(summary["ground_truth"], truth)
     offset = engine.settings.estimates[name].time_offset
     evaluated = kept.evaluated(name, offset)
     if len(evaluated):
@@ -199,14 +198,22 @@ def why_none(source: str, poses: int, counts: Figures) -> str | None:
     )
 
 
-def count_unstamped(counts: Figures, trajectory: Trajectory) -> None:
-    """Account for the rows that the engine is not given: no number for a stamp; cut, if any."""
+def count_left_out(counts: Figures, trajectory: Trajectory) -> None:
+    """Account for the rows that the engine was not given, and for those cut, if any."""
     if trajectory.cut:
         counts["cut"] = trajectory.cut
-    count = len(trajectory.non_finite_stamp_rows)
-    if count:
-        counts["received"] += count
-        counts["rejected"][_NON_FINITE] = counts["rejected"].get(_NON_FINITE, 0) + count
+    for reason, rows in _left_out(trajectory).items():
+        if len(rows):
+            counts["received"] += len(rows)
+            counts["rejected"][reason] = counts["rejected"].get(reason, 0) + len(rows)
+
+
+def _left_out(trajectory: Trajectory) -> dict[str, npt.NDArray[np.int64]]:
+    """Rows by reason: their stamp is not a number, or that of a later row."""
+    return {
+        str(Reason.NON_FINITE): trajectory.non_finite_stamp_rows,
+        str(Reason.SUPERSEDED): trajectory.superseded_rows,
+    }
 
 
 class WholeRun:
@@ -251,10 +258,10 @@ def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> l
     """Return a line for each reason of rejection that has a first row in the file."""
     rejected = Counter(health.rejected)
     rows = {reason: int(trajectory.rows[place]) for reason, place in health.first_rejected.items()}
-    unstamped = trajectory.non_finite_stamp_rows
-    if len(unstamped):
-        rejected[_NON_FINITE] += len(unstamped)
-        rows[_NON_FINITE] = min(int(unstamped[0]), rows.get(_NON_FINITE, int(unstamped[0])))
+    for reason, missing in _left_out(trajectory).items():
+        if len(missing):
+            rejected[reason] += len(missing)
+            rows[reason] = min(int(missing[0]), rows.get(reason, int(missing[0])))
     return [
         f"{title}: {rejected[reason]:,} {reason}, the first in {trajectory.where(row)}"
         for reason, row in rows.items()

@@ -1,0 +1,146 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stamps of a table, exact to the nanosecond, in whatever unit they are."""
+
+import decimal
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.files.text import Table, shown
+from trajeval_ros.files.trajectory import TrajectoryFileError
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+SECONDS, NANOSECONDS = 9, 0
+"""Units, as powers of ten in nanoseconds."""
+
+_UNITS = {9: "seconds", 6: "milliseconds", 3: "microseconds", 0: "nanoseconds"}
+
+# Enough digits for any stamp in a file, so that decimal arithmetic on it is exact.
+_CONTEXT = decimal.Context(prec=400)
+
+# s since 1970, from the year 2000 to 2100: no count since a start comes near.
+_EPOCH = (946_684_800.0, 4_102_444_800.0)
+_LARGEST_SECONDS = 2**63 / 1e9
+# s between rows, as far as they can be those of a trajectory.
+_SHORTEST_STEP, _LONGEST_STEP = 1e-4, 3600.0
+
+
+def read_stamps(table: Table, exponent: int) -> tuple[Integers, Mask, tuple[str, ...]]:
+    """The first column in exact nanoseconds.
+
+    A double since 1970 resolves 0.24 us, so the text is read, not the number. Digits beyond the
+    nanosecond are rounded, half to even. Where the stamps cannot be in the format's unit, and
+    count from 1970 in another one, they are read in that.
+
+    Args:
+        table: with stamps in its first column; its names may say their unit.
+        exponent: of ten, the format's unit in nanoseconds.
+
+    Returns:
+        Stamps (N,) ns; which of them are finite, (N,), the stamp of the others is 0; remarks.
+
+    Raises:
+        TrajectoryFileError: a stamp that int64 nanoseconds cannot hold, or that is no whole number
+            of nanoseconds where it is in these.
+    """
+    finite = np.isfinite(table.values[:, 0])
+    said = None if table.named is None else table.named.exponent
+    unit = _unit(table.values[finite, 0], exponent) if said is None else said
+    remarks = () if unit == exponent else (f"stamps in {_UNITS[unit]}",)
+    parsed = _parsed(table, finite, unit)
+    stamps = np.zeros(len(table.first), dtype=np.int64)
+    hint = "; is it in nanoseconds?" if unit == SECONDS else ""
+    stamps[finite] = _checked(table, parsed, finite, _UNITS[unit] + hint)
+    return stamps, finite, remarks
+
+
+def _unit(values: Array, exponent: int) -> int:
+    """The unit by size, where it cannot be the format's."""
+    if len(values) == 0:
+        return exponent
+    median = float(np.median(values))
+    if not _impossible(values, median, exponent):
+        return exponent
+    for unit in _UNITS:
+        seconds = 10.0 ** (unit - 9)
+        if _EPOCH[0] <= median * seconds <= _EPOCH[1] and _is_step(values, seconds):
+            return unit
+    return exponent
+
+
+def _impossible(values: Array, median: float, exponent: int) -> bool:
+    """Whether stamps cannot be in that unit."""
+    if exponent == SECONDS:
+        return median >= _LARGEST_SECONDS
+    # Whole numbers that are no count since 1970 may be one since a start.
+    parts = bool((values != np.rint(values)).any())
+    return (parts and median < 1e11) or not _is_step(values, 10.0 ** (exponent - 9))
+
+
+def _is_step(values: Array, seconds: float) -> bool:
+    """Whether rows this unit (s) apart can be those of a trajectory."""
+    with np.errstate(over="ignore"):
+        steps = np.abs(np.diff(values))
+    steps = steps[steps > 0]
+    return len(steps) == 0 or _SHORTEST_STEP <= float(np.median(steps)) * seconds <= _LONGEST_STEP
+
+
+def _parsed(table: Table, finite: Mask, exponent: int) -> list[int | None]:
+    """Each stamp in nanoseconds; None for those that are not finite."""
+    parsed = [_plain(word, exponent) for word in table.first]
+    for index, value in enumerate(parsed):
+        if value is None and finite[index]:
+            parsed[index] = _decimal_nanoseconds(table, index, exponent)
+    return parsed
+
+
+def _plain(word: str, exponent: int) -> int | None:
+    """Of digits, a point, as many digits as there can be; None for any other way to write it."""
+    whole, _, fraction = word.partition(".")
+    if whole.isdecimal() and len(fraction) <= exponent and (fraction.isdecimal() or not fraction):
+        return int(whole + fraction.ljust(exponent, "0"))
+    return None
+
+
+def _decimal_nanoseconds(table: Table, index: int, exponent: int) -> int:
+    """The finite stamp of a row, however it is written."""
+    word, row = table.first[index], int(table.rows[index])
+    try:
+        value = decimal.Decimal(word)
+    except decimal.InvalidOperation:
+        raise TrajectoryFileError(table.source, f"{shown(word)} is not a number", row) from None
+    # An int of it would have as many digits as the exponent says.
+    if value.adjusted() > 30:
+        raise _out_of_range(table, index, "nanoseconds")
+    whole = value.scaleb(exponent, context=_CONTEXT)
+    rounded = whole.to_integral_value(decimal.ROUND_HALF_EVEN, context=_CONTEXT)
+    if exponent == NANOSECONDS and rounded != whole:
+        reason = f"the stamp {shown(word)} is not a whole number of nanoseconds"
+        raise TrajectoryFileError(table.source, reason, row)
+    return int(rounded)
+
+
+def _checked(table: Table, parsed: list[int | None], finite: Mask, unit: str) -> Integers:
+    """The finite ones as int64."""
+    kept = [value for value, keep in zip(parsed, finite, strict=True) if keep and value is not None]
+    try:
+        return np.array(kept, dtype=np.int64)
+    except OverflowError:
+        too_large = next(
+            index
+            for index, value in enumerate(parsed)
+            if value is not None and not -(2**63) <= value < 2**63
+        )
+        raise _out_of_range(table, too_large, unit) from None
+
+
+def _out_of_range(table: Table, index: int, unit: str) -> TrajectoryFileError:
+    return TrajectoryFileError(
+        table.source,
+        f"the stamp {shown(table.first[index])} is out of the range of {unit}",
+        int(table.rows[index]),
+    )
