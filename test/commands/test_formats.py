@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``evaluate`` and ``replay`` where no format is named, and KITTI's files without stamps."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import pytest
 
 from trajeval_ros import se3
 from trajeval_ros.commands import evaluate, inputs, replay
+from trajeval_ros.commands.console import CommandError
+from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.files.tum import read_tum
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +115,139 @@ def test_a_bag_is_taken_for_one(tmp_path: Path, capsys: pytest.CaptureFixture[st
     other = tmp_path / "gt.txt"
     other.write_text("0.1 0 0 0 0 0 0 1\n")
     assert evaluate.main([str(other), str(bag)]) == 1
-    assert "it is an mcap file, which does not go with other files" in capsys.readouterr().err
+    assert f"it is an mcap file: which topic? name bag:{bag}:TOPIC" in capsys.readouterr().err
+
+
+def read(*arguments: str) -> inputs.Inputs:
+    parsed = evaluate.make_parser().parse_args(inputs.with_format(list(map(str, arguments))))
+    return inputs.read(inputs.recognised(parsed))
+
+
+def same(read: Trajectory, expected: Trajectory) -> None:
+    np.testing.assert_array_equal(read.stamps, expected.stamps)
+    np.testing.assert_allclose(read.positions, expected.positions, rtol=0, atol=1e-9)
+    sign = np.sign((read.quaternions * expected.quaternions).sum(axis=1))[:, None]
+    np.testing.assert_allclose(sign * read.quaternions, expected.quaternions, rtol=0, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def more(folder: Path) -> Path:
+    """The estimate in more formats, and its stamps in a file of their own."""
+    plain = read_tum(folder / "est.tum")
+    poses = se3.from_position_quaternion(plain.positions, plain.quaternions)
+    seconds = plain.stamps / 1e9
+    np.savetxt(folder / "times.txt", seconds, fmt="%.9f")
+    np.savez(folder / "est.npz", poses=poses, timestamps=plain.stamps, intrinsics=np.eye(3))
+    np.save(folder / "est.npy", poses)
+    np.save(folder / "rows.npy", np.column_stack((seconds, poses.reshape(-1, 16))))
+    frames = [
+        {"file_path": f"images/{s}.jpg", "transform_matrix": pose.tolist(), "timestamp": s / 1e9}
+        for s, pose in zip(plain.stamps.tolist(), poses, strict=True)
+    ]
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": 500.0, "frames": frames}))
+    (folder / "est.tum.gz").write_bytes(gzip.compress((folder / "est.tum").read_bytes()))
+    (folder / "utf16.txt").write_text((folder / "est.tum").read_text(), encoding="utf-16")
+    return folder
+
+
+@pytest.mark.parametrize("command", ["", "tum", "euroc", "kitti"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("tum:est.tum", "euroc:est.csv", "kitti:est.kitti", "kitti:est.kitti:times.txt"),
+        *("npz:est.npz", "npz:est.npy:times.txt", "npz:rows.npy", "nerfstudio:transforms.json"),
+        "tum:est.tum.gz",
+    ],
+)
+def test_the_format_may_stand_before_the_name(
+    command: str, name: str, more: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(more)
+    data = read(*[command] * bool(command), "tum:gt.tum", name)
+    same(data.estimate, read_tum("est.tum"))
+    same(data.ground_truth, read_tum("gt.tum"))
+
+
+@pytest.mark.parametrize(
+    "name", ["est.npz", "rows.npy", "transforms.json", "est.tum.gz", "utf16.txt"]
+)
+def test_more_is_recognised(name: str, more: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(more)
+    same(read("gt.tum", name).estimate, read_tum("est.tum"))
+
+
+def test_names_of_estimates_are_those_of_their_places() -> None:
+    names = ["tum:runs/orb.txt", "bag:run 1.mcap:/vins/odometry", "kitti:sptam.txt:times.txt"]
+    assert inputs.names_of(names) == ("orb", "odometry", "sptam")
+
+
+def test_a_file_and_a_topic_two_bags(more: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    for name in ("gt", "est"):
+        write_bag(tmp_path / f"{name}: one", read_tum(more / f"{name}.tum"), f"/{name}")
+    truth, estimate = (f"bag:{tmp_path}/{name}: one:/{name}" for name in ("gt", "est"))
+    for arguments in (
+        (truth, estimate),
+        (more / "gt.tum", estimate),
+        ("tum", truth, more / "est.tum"),
+        ("bag", f"{tmp_path}/est: one", "--estimate", "/est", "--ground-truth", truth),
+        ("bag", f"{tmp_path}/gt: one", "--estimate", f"tum:{more}/est.tum", "--ground-truth", "gt"),
+    ):
+        data = read(*arguments)
+        same(data.ground_truth, read_tum(more / "gt.tum"))
+        same(data.estimate, read_tum(more / "est.tum"))
+
+
+def write_bag(path: Path, trajectory: Trajectory, topic: str) -> None:
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = store.types
+    kind = "geometry_msgs/msg/PoseStamped"
+    with Writer(path, version=9) as writer:
+        connection = writer.add_connection(topic, kind, typestore=store)
+        for stamp, p, q in zip(
+            trajectory.stamps.tolist(), trajectory.positions, trajectory.quaternions, strict=True
+        ):
+            time = kinds["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+            header = kinds["std_msgs/msg/Header"](stamp=time, frame_id="map")
+            pose = kinds["geometry_msgs/msg/Pose"](
+                kinds["geometry_msgs/msg/Point"](*p), kinds["geometry_msgs/msg/Quaternion"](*q)
+            )
+            message = kinds[kind](header=header, pose=pose)
+            writer.write(connection, stamp, store.serialize_cdr(message, kind))
+
+
+def test_strict_refuses_what_is_read_differently(
+    more: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(more)
+    assert read("tum", "gt.tum", "est.tum", "--strict").remarks == ()
+    with pytest.raises(CommandError, match=r"--strict: utf16\.txt: encoded in UTF-16"):
+        read("tum", "gt.tum", "utf16.txt", "--strict")
+    assert read("tum", "gt.tum", "utf16.txt").remarks == ("utf16.txt: encoded in UTF-16",)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("npz:est.npy", "no array of 200 stamps in it; name a file of them: npz:FILE:TIMES"),
+        ("npz:est.tum", "it is no file of NumPy's, or damaged"),
+        ("npz:absent.npy", "it cannot be read: no such file"),
+        ("nerfstudio:est.tum", "it is no transforms.json with frames in it"),
+        ("kitti:est.kitti:few.txt", "3 stamps for the 200 poses of est.kitti: there must be one"),
+        ("bag:est.tum", "which topic of it? name it as bag:est.tum:TOPIC"),
+    ],
+)
+def test_what_cannot_be_read(
+    name: str, said: str, more: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(more)
+    Path("few.txt").write_text("0\n1\n2\n")
+    with pytest.raises(CommandError) as caught:
+        read("tum", "gt.tum", name)
+    assert said in str(caught.value)
 
 
 def test_replay_recognises_too(folder: Path) -> None:

@@ -35,8 +35,8 @@ def csv(*stamps: int, columns: int = 8) -> str:
         # A simulator's clock begins at zero.
         (csv(0, 5_000_000, 10_000_000), "euroc"),
         (csv(0, 5_000_000, 10_000_000, columns=17), "euroc"),
-        ('{"poses": []}', "json"),
-        ("  [1, 2]", "json"),
+        ('{"poses": []}', "nerfstudio"),
+        ("  [1, 2]", "nerfstudio"),
         # Whose reader says what is wrong.
         ("1 2 3\n", "tum"),
         ("", "tum"),

@@ -14,6 +14,8 @@ from typing import NoReturn
 
 from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.figures import table
+from trajeval_ros.files import sources
+from trajeval_ros.files.content import STANDARD_INPUT
 from trajeval_ros.files.recognise import Recognised, recognise
 from trajeval_ros.files.span import Instant, SpanError, cut_all, span_of, words
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
@@ -91,10 +93,14 @@ def add_formats(
         "files",
         metavar="FILE",
         nargs="+",
-        help="GROUND_TRUTH and ESTIMATE, tum, euroc or kitti; or a bag, with its topics",
+        help="GROUND_TRUTH and ESTIMATE; or a bag, with its topics. Here and wherever a file is"
+        " named, its format may stand before it: tum:FILE, euroc:FILE, kitti:FILE:TIMES,"
+        " npz:FILE:TIMES, nerfstudio:FILE, bag:BAG:TOPIC",
     )
     _add_times(auto)
     _add_topics(auto, several)
+    for each in (tum, euroc, bag):
+        each.set_defaults(times=None)
     for each in (tum, euroc, kitti, bag, auto):
         _add_span(each)
         each.set_defaults(command_of_one=not several)
@@ -198,26 +204,34 @@ def recognised(arguments: argparse.Namespace) -> argparse.Namespace:
     if arguments.format != AUTO:
         return arguments
     files: list[str] = arguments.files
-    if PurePath(files[0]).name == files[0] and "." not in files[0] and not Path(files[0]).exists():
+    unnamed = [file for file in files if sources.split(file)[0] is None]
+    if unnamed[:1] == [STANDARD_INPUT]:
+        raise UsageError("name the format of the standard input: tum:- or euroc:-")
+    if files[:1] == unnamed[:1] and _is_word(files[0]):
         raise UsageError(
             f"there is neither a file nor a format {files[0]!r}; formats: {', '.join(FORMATS)}"
         )
     try:
-        found = [recognise(file) for file in files]
+        found = [recognise(file) if file in unnamed else None for file in files]
     except TrajectoryFileError as error:
         raise CommandError(str(error)) from error
     given = vars(arguments)
-    if len(files) == 1 and found[0].format == "bag":
+    if len(files) == 1 and found[0] is not None and found[0].format == "bag":
         return argparse.Namespace(**{**given, "format": "bag", "bag": files[0]})
     for file, kind in zip(files, found, strict=True):
-        if kind.format not in _FILE_READERS:
-            raise CommandError(f"{file}: it is {kind.evidence}, which does not go with other files")
+        if kind is not None and kind.format == "bag":
+            raise CommandError(f"{file}: it is {kind.evidence}: which topic? name bag:{file}:TOPIC")
     if arguments.ground_truth is not None or arguments.estimate:
         raise UsageError("--ground-truth and --estimate name topics, and there is no bag")
     if len(files) == 1 or (arguments.command_of_one and len(files) > 2):
         raise UsageError("name a ground truth and an estimate, in this order")
     names = {"ground_truth": files[0], "estimate": files[1:], "found": tuple(found)}
     return argparse.Namespace(**{**given, **names})
+
+
+def _is_word(file: str) -> bool:
+    """Whether it looks like a format rather than a file."""
+    return PurePath(file).name == file and "." not in file and not Path(file).exists()
 
 
 def read(arguments: argparse.Namespace) -> Inputs:
@@ -230,7 +244,7 @@ def read(arguments: argparse.Namespace) -> Inputs:
         for what is not as its format has it.
     """
     try:
-        inputs = _READERS[arguments.format](arguments)
+        inputs = _read_bag(arguments) if arguments.format == "bag" else _read_files(arguments)
     except TrajectoryFileError as error:
         raise CommandError(str(error)) from error
     differences = _differences(inputs.ground_truth, *inputs.estimates)
@@ -239,63 +253,34 @@ def read(arguments: argparse.Namespace) -> Inputs:
     return replace(inputs, remarks=inputs.remarks + differences)
 
 
-def _read_tum(arguments: argparse.Namespace) -> Inputs:
-    from trajeval_ros.files.tum import read_tum
-
-    return _inputs(arguments.estimate, read_tum(arguments.ground_truth), read_tum)
-
-
-def _read_euroc(arguments: argparse.Namespace) -> Inputs:
-    from trajeval_ros.files.euroc import read_euroc
-    from trajeval_ros.files.tum import read_tum
-
-    def read_estimate(path: str) -> Trajectory:
-        return (read_euroc if path.lower().endswith(".csv") else read_tum)(path)
-
-    return _inputs(arguments.estimate, read_euroc(arguments.ground_truth), read_estimate)
-
-
-def _read_kitti(arguments: argparse.Namespace) -> Inputs:
-    from trajeval_ros.files.kitti import read_kitti
-
-    def read_file(path: str) -> Trajectory:
-        return read_kitti(path, arguments.times)
-
-    data = _inputs(arguments.estimate, read_file(arguments.ground_truth), read_file)
-    return data if arguments.times else replace(data, remarks=(_TEN_HERTZ,))
-
-
-def _read_auto(arguments: argparse.Namespace) -> Inputs:
-    found: tuple[Recognised, ...] = arguments.found
+def _read_files(arguments: argparse.Namespace) -> Inputs:
+    """Two files or more, of the formats that stand before their names or of the command's."""
     paths = (arguments.ground_truth, *arguments.estimate)
-    ground_truth, *estimates = (
-        _FILE_READERS[kind.format](path, arguments) for path, kind in zip(paths, found, strict=True)
-    )
+    if paths.count(STANDARD_INPUT) + sum(path.endswith(f":{STANDARD_INPUT}") for path in paths) > 1:
+        raise UsageError("only one of them can be the standard input")
+    found: tuple[Recognised | None, ...] = getattr(arguments, "found", (None,) * len(paths))
+    read: list[Trajectory] = []
     files: dict[str, list[str]] = {}
-    for path, kind in zip(paths, found, strict=True):
-        files.setdefault(f"{kind.format} ({kind.evidence})", []).append(path)
+    stampless = False
+    for place, (path, kind) in enumerate(zip(paths, found, strict=True)):
+        format_, name = sources.split(path)
+        if format_ is None:
+            format_ = _default(arguments.format, path, place) if kind is None else kind.format
+        with Progress(f"reading {path}", 0, "messages") as progress:
+            read.append(sources.read(format_, name, arguments.times, progress.update))
+        stampless |= format_ == "kitti" and arguments.times is None and name == read[-1].source
+        if kind is not None:
+            files.setdefault(f"{kind.format} ({kind.evidence})", []).append(path)
     remarks = ["read as " + "; as ".join(f"{k}: {', '.join(p)}" for k, p in files.items())]
-    if arguments.times is None and any(kind.format == "kitti" for kind in found):
-        remarks.append(_TEN_HERTZ)
-    return Inputs(ground_truth, tuple(estimates), names_of(arguments.estimate), tuple(remarks))
+    remarks = (remarks if files else []) + ([_TEN_HERTZ] if stampless else [])
+    return Inputs(read[0], tuple(read[1:]), names_of(arguments.estimate), tuple(remarks))
 
 
-def _tum_file(path: str, arguments: argparse.Namespace) -> Trajectory:
-    from trajeval_ros.files.tum import read_tum
-
-    return read_tum(path)
-
-
-def _euroc_file(path: str, arguments: argparse.Namespace) -> Trajectory:
-    from trajeval_ros.files.euroc import read_euroc
-
-    return read_euroc(path)
-
-
-def _kitti_file(path: str, arguments: argparse.Namespace) -> Trajectory:
-    from trajeval_ros.files.kitti import read_kitti
-
-    return read_kitti(path, arguments.times)
+def _default(command: str, path: str, place: int) -> str:
+    """The format of the file at a place of the command line, the ground truth at 0."""
+    if command == "euroc" and place and not path.lower().endswith(".csv"):
+        return "tum"
+    return command
 
 
 def _read_bag(arguments: argparse.Namespace) -> Inputs:
@@ -307,14 +292,14 @@ def _read_bag(arguments: argparse.Namespace) -> Inputs:
     with Progress("reading", 0, "messages") as progress:
         if arguments.ground_truth is None or not arguments.estimate:
             _list_candidates(arguments.bag, progress)
-        ground_truth, *estimates = read_bag(arguments.bag, topics, progress.update)
+        named = [sources.split(topic) for topic in topics]
+        of_bag = [topic for format_, topic in named if format_ is None]
+        in_bag = iter(read_bag(arguments.bag, of_bag, progress.update) if of_bag else ())
+        ground_truth, *estimates = (
+            next(in_bag) if format_ is None else sources.read(format_, name)
+            for format_, name in named
+        )
     return Inputs(ground_truth, tuple(estimates), names_of(arguments.estimate))
-
-
-def _inputs(
-    paths: Sequence[str], ground_truth: Trajectory, read_estimate: Callable[[str], Trajectory]
-) -> Inputs:
-    return Inputs(ground_truth, tuple(map(read_estimate, paths)), names_of(paths))
 
 
 def names_of(paths: Sequence[str]) -> tuple[str, ...]:
@@ -327,11 +312,12 @@ def names_of(paths: Sequence[str]) -> tuple[str, ...]:
 
     if len(paths) <= 1:
         return ONE
+    paths = [sources.place_of(path) for path in paths]
     stems = [PurePath(path).stem for path in paths]
     told_apart = len(set(stems)) == len(stems)
-    sources = stems if told_apart else [str(PurePath(path).with_suffix("")) for path in paths]
+    called = stems if told_apart else [str(PurePath(path).with_suffix("")) for path in paths]
     names: list[str] = []
-    for source in sources:
+    for source in called:
         name = re.sub(r"[^a-z0-9]+", "_", source.lower()).strip("_") or ONE[0]
         if not name[0].isalpha() or is_taken(name):
             name = f"{ONE[0]}_{name}"
@@ -356,19 +342,6 @@ def _list_candidates(bag: str, progress: Progress) -> NoReturn:
     raise UsageError("name two of these topics with --ground-truth and --estimate")
 
 
-_READERS: dict[str, Callable[[argparse.Namespace], Inputs]] = {
-    "tum": _read_tum,
-    "euroc": _read_euroc,
-    "kitti": _read_kitti,
-    "bag": _read_bag,
-    AUTO: _read_auto,
-}
-# A single file, of a format that was recognised.
-_FILE_READERS: dict[str, Callable[[str, argparse.Namespace], Trajectory]] = {
-    "tum": _tum_file,
-    "euroc": _euroc_file,
-    "kitti": _kitti_file,
-}
 _TEN_HERTZ = "no --times: the poses of KITTI's files are taken to be 0.1 s apart, from 0 s"
 
 

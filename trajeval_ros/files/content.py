@@ -42,7 +42,25 @@ def read_content(path: PathLike) -> Content:
     """
     source = os.fspath(path)
     remarks: list[str] = []
-    data = _read(source)
+    text = _text(source, _read(source), remarks)
+    name = "standard input" if source == STANDARD_INPUT else source
+    return Content(name, text, tuple(remarks))
+
+
+def text_of(source: str, head: bytes, *, cut: bool) -> str:
+    """The whole lines of the first bytes of a file, as `read_content` would read it.
+
+    Raises:
+        TrajectoryFileError: it is not text.
+    """
+    if cut and not head.startswith(_GZIP):
+        end = b"\n\0" if head.startswith(_UTF_16[0]) else b"\n"
+        head = head[: head.rfind(end) + len(end)] if end in head else head
+    text = _text(source, head, [])
+    return text[: text.rfind("\n") + 1] if cut and "\n" in text else text
+
+
+def _text(source: str, data: bytes, remarks: list[str]) -> str:
     if data.startswith(_GZIP):
         data = _unpacked(source, data, remarks)
     stripped = data.rstrip(b"\0")
@@ -52,8 +70,7 @@ def read_content(path: PathLike) -> Content:
     text = _decoded(source, data, remarks)
     if "\r" in text:
         text = text.replace("\r\n", "\n").replace("\r", "\n")
-    name = "standard input" if source == STANDARD_INPUT else source
-    return Content(name, text, tuple(remarks))
+    return text
 
 
 def _read(source: str) -> bytes:

@@ -9,16 +9,12 @@ second apart, as the benchmark's are.
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros.files.matrices import quaternions_of
 from trajeval_ros.files.rows import trajectory_of
 from trajeval_ros.files.stamps import SECONDS, read_stamps
 from trajeval_ros.files.text import Layout, PathLike, Table, read_table
 from trajeval_ros.files.trajectory import Integers, Trajectory, TrajectoryFileError
 
-Array = npt.NDArray[np.float64]
-
-# KITTI's own matrices are orthonormal to 1e-6 only, some systems write four digits.
-_ORTHONORMAL_TO = 1e-2
 _INTERVAL = 100_000_000
 
 
@@ -40,7 +36,7 @@ def read_kitti(path: PathLike, times: PathLike | None = None) -> Trajectory:
     table = read_table(path, Layout({12: "r11 r12 r13 tx r21 r22 r23 ty r31 r32 r33 tz"}))
     stamps, finite, remarks = _stamps(table, times)
     matrices = table.values.reshape(-1, 3, 4)
-    quaternions = _quaternions(matrices[:, :, :3])
+    quaternions = quaternions_of(matrices[:, :, :3])
     return trajectory_of(table, stamps, finite, matrices[:, :, 3], quaternions, remarks)
 
 
@@ -60,18 +56,3 @@ def _stamps(
         )
     stamps, finite, remarks = read_stamps(stamp_table, SECONDS)
     return stamps, finite, (*stamp_table.remarks, *remarks)
-
-
-def _quaternions(matrices: Array) -> Array:
-    """Quaternions (N, 4), x y z w, of matrices (N, 3, 3)."""
-    quaternions = np.zeros((len(matrices), 4))
-    finite = np.isfinite(matrices).all(axis=(1, 2))
-    quaternions[~finite] = np.nan
-    known = matrices[finite]
-    products = np.swapaxes(known, 1, 2) @ known
-    good = np.abs(products - np.eye(3)).max(axis=(1, 2), initial=0.0) < _ORTHONORMAL_TO
-    good &= np.linalg.det(known) > 0
-    poses = np.tile(np.eye(4), (int(good.sum()), 1, 1))
-    poses[:, :3, :3] = known[good]
-    quaternions[np.flatnonzero(finite)[good]] = se3.to_position_quaternion(poses)[1]
-    return quaternions

@@ -10,21 +10,22 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from trajeval_ros.files.text import PathLike
+from trajeval_ros.files.content import PathLike, text_of
 from trajeval_ros.files.trajectory import TrajectoryFileError
 
-Format = Literal["bag", "npz", "json", "kitti", "euroc", "tum"]
+Format = Literal["bag", "npz", "nerfstudio", "kitti", "euroc", "tum"]
 
 _MAGIC: tuple[tuple[bytes, Format, str], ...] = (
     (b"\x89MCAP0\r\n", "bag", "an mcap file"),
     (b"SQLite format 3\0", "bag", "an sqlite3 database"),
     (b"#ROSBAG V", "bag", "a ROS 1 bag"),
     (b"PK\x03\x04", "npz", "a zip archive"),
+    (b"\x93NUMPY", "npz", "an array of NumPy's"),
 )
 _BAG_FILES = (".mcap", ".db3", ".bag")
 _HEAD = 65536
 _KITTI_COLUMNS = 12
-_EUROC_COLUMNS = (8, 17)
+_EUROC_LEAST_COLUMNS = 8
 # Whole numbers that cannot be seconds: more of them than int64 nanoseconds hold, 292 years; or
 # rows a day apart. In nanoseconds that is 9.2 s after the clock began, and rows 0.09 ms apart.
 _NO_SECONDS = 9_223_372_036
@@ -71,11 +72,9 @@ def recognise(path: PathLike) -> Recognised:
     for magic, kind, evidence in _MAGIC:
         if head.startswith(magic):
             return Recognised(kind, evidence)
-    # A character or a row may have been cut in two.
-    whole = head if len(head) <= _HEAD else head[: head.rfind(b"\n", 0, _HEAD) + 1]
     try:
-        text = whole.decode("utf-8-sig")
-    except UnicodeDecodeError:
+        text = text_of(source, head, cut=len(head) > _HEAD)
+    except TrajectoryFileError:
         raise TrajectoryFileError(source, "it is neither text nor a bag") from None
     return _text(text)
 
@@ -89,14 +88,14 @@ def _folder(source: str) -> Recognised:
 
 def _text(text: str) -> Recognised:
     if text.lstrip()[:1] in ("{", "["):
-        return Recognised("json", "text that begins with a bracket")
+        return Recognised("nerfstudio", "text that begins with a bracket")
     rows = [line for line in (raw.partition("#")[0] for raw in text.splitlines()) if line.strip()]
     cells = [row.replace(",", " ").split() for row in rows]
     columns = len(cells[0]) if cells else 0
     if columns == _KITTI_COLUMNS:
         return Recognised("kitti", f"rows of {_KITTI_COLUMNS} numbers")
     first = [row[0] for row in cells if row]
-    if columns in _EUROC_COLUMNS and "," in rows[0] and _are_nanoseconds(first):
+    if columns >= _EUROC_LEAST_COLUMNS and "," in rows[0] and _are_nanoseconds(first):
         return Recognised("euroc", "commas, and stamps in nanoseconds")
     return Recognised("tum", f"rows of {columns} numbers" if columns else "text")
 
