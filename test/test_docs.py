@@ -20,7 +20,7 @@ from types import ModuleType
 import pytest
 
 from trajeval_ros.commands import demo, evaluate, replay, settings, simulate
-from trajeval_ros.commands.inputs import names_of
+from trajeval_ros.commands.inputs import names_of, with_format
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import ONE, PARAMETERS, complete
 
@@ -227,6 +227,8 @@ def check_ros_arguments(words: list[str]) -> None:
 def check_ours(words: list[str]) -> None:
     """Our own command line is one that its parser takes."""
     ours, ros = replay.split_ros_arguments(words[1:])
+    if words[0] in ("evaluate", "replay"):
+        ours = with_format(ours)
     check_ros_arguments(ros)
     if words[0] == "evaluator":
         assert not ours
