@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self, TextIO
 
@@ -19,6 +20,7 @@ from trajeval_ros import __version__
 DONE = 0
 NOT_EVALUATED = 1
 WRONG_USAGE = 2
+NOT_GOOD_ENOUGH = 3
 INTERRUPTED = 128 + signal.SIGINT
 
 _UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
@@ -55,6 +57,22 @@ def run(command: Callable[[], int], name: str) -> int:
             raise
         _drop_output()
         return fail(name, f"cannot write the output: {error.strerror}", NOT_EVALUATED)
+
+
+@contextlib.contextmanager
+def directed(*, quiet: bool, to_stderr: bool) -> Iterator[None]:
+    """While it lasts, what is printed goes nowhere, progress neither; or to stderr."""
+    if not (quiet or to_stderr):
+        yield
+        return
+    Progress.shown = not quiet
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nowhere:
+            target = nowhere if quiet else sys.stderr
+            with contextlib.redirect_stdout(target):
+                yield
+    finally:
+        Progress.shown = True
 
 
 def _drop_output() -> None:
@@ -122,6 +140,9 @@ class Progress:
     work that is done within two seconds.
     """
 
+    shown = True
+    """Whether any is to be shown at all."""
+
     def __init__(self, label: str, total: int, unit: str, stream: TextIO | None = None) -> None:
         self._label = label
         self._total = total
@@ -137,7 +158,7 @@ class Progress:
         """Draw, if it is time to; ``total`` where it was not known before."""
         self._total = self._total if total is None else total
         now = time.monotonic()
-        if now < self._next:
+        if now < self._next or not self.shown:
             return
         self._next = now + self._every
         elapsed = now - self._start

@@ -5,10 +5,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from trajeval_ros.commands import console
+from trajeval_ros.commands.requirements import Requirement, judge
+
+if TYPE_CHECKING:
+    from trajeval_ros.commands.scoring import Outcome
 
 DESCRIPTION = """\
 Score estimated trajectories against one ground truth, from files. Reference first, then one
@@ -18,7 +24,8 @@ The figures are those of the node evaluator on the same data."""
 _APPLICABLE = ("clock_offset", "extrinsic", "scale")
 
 EPILOG = """\
-exit codes: 0 done; 1 the data could not be evaluated, or a file not be written; 2 wrong usage"""
+exit codes: 0 done; 1 the data could not be evaluated, or a file not be written; 2 wrong usage;
+3 evaluated, and not as good as --require asks for"""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -54,6 +61,22 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         help="evaluate again with what the error model has found, of clock_offset,extrinsic,scale;"
         " the files are those of the second evaluation",
     )
+    parser.add_argument(
+        "--require",
+        metavar="CONDITION",
+        type=Requirement.of,
+        action="append",
+        default=[],
+        help="what a figure of summary.json must be, such as"
+        " 'conventional.ate_translation_rmse < 0.05'; SI units; exit code 3 where it is not;"
+        " repeatable. With several estimates of each, or of one: NAME.conventional...",
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the summary alone on stdout, as in summary.json; all else goes to stderr",
+    )
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
 def _applicable(text: str) -> tuple[str, ...]:
@@ -75,6 +98,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def evaluate(arguments: argparse.Namespace) -> int:
+    """Evaluate, print, and hold the figures to what is required of them."""
+    with console.directed(quiet=arguments.quiet, to_stderr=arguments.json):
+        outcome = _outcome(arguments)
+        good = _requirements_hold(arguments.require, outcome)
+    if arguments.json:
+        print(json.dumps(outcome.summary, indent=2, allow_nan=False))
+    sys.stdout.flush()
+    for line in outcome.failures:
+        console.fail("evaluate", line, console.NOT_EVALUATED)
+    if outcome.failures:
+        return console.NOT_EVALUATED
+    return console.DONE if good else console.NOT_GOOD_ENOUGH
+
+
+def _outcome(arguments: argparse.Namespace) -> Outcome:
     """Read, feed the engine, write, print."""
     from trajeval_ros.commands import inputs, settings
 
@@ -91,6 +129,18 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
     output = arguments.output or str(parameters["output.directory"])
     return scoring.score(data, parameters, output, arguments.apply)
+
+
+def _requirements_hold(requirements: Sequence[Requirement], outcome: Outcome) -> bool:
+    """Say of each requirement whether it holds; return whether all do."""
+    verdicts = judge(requirements, outcome.summary, tuple(outcome.found))
+    for number, verdict in enumerate(v for v in verdicts if v.holds):
+        print(("" if number else "\n") + f"Required      {verdict.line}")
+    sys.stdout.flush()
+    failed = [verdict for verdict in verdicts if not verdict.holds]
+    for verdict in failed:
+        console.fail("evaluate", f"required: {verdict.line}", console.NOT_GOOD_ENOUGH)
+    return not failed
 
 
 if __name__ == "__main__":

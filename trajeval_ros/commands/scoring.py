@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from trajeval_ros.commands import console, figures
+from trajeval_ros.commands import figures
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.comparison.compare import Comparison
@@ -27,10 +27,23 @@ from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.wall import shield
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What came of it: the ``summary`` as it is written, of one estimate or of several.
+
+    ``found`` of each by its name; ``failures``: a line for each that could not be evaluated or
+    written.
+    """
+
+    summary: Mapping[str, Any]
+    found: Mapping[str, Scored]
+    failures: tuple[str, ...]
+
+
 def score(
     data: Inputs, parameters: Mapping[str, Value], output: str, apply: Sequence[str] = ()
-) -> int:
-    """Score every estimate, write what is to be written to ``output``, print; return the exit code.
+) -> Outcome:
+    """Score every estimate, write what is to be written to ``output``, and print.
 
     ``apply``: what the error model finds is set, and all is scored again. With several estimates,
     each has a folder of its name in ``output``, and the summary of all lies beside them.
@@ -69,8 +82,11 @@ def score(
                 none.append,
             )
             failures += none
+        (summary, *_) = (one.summary for one in found.values())
+        if len(runs) > 1:
+            summary = offline.together(found, comparisons)
         if len(runs) > 1 and output:
-            failures += _write_together(Path(output).expanduser(), found, comparisons)
+            failures += _write_together(Path(output).expanduser(), summary)
     for remark in data.remarks:
         print(f"info: {remark}")
     for number, (name, run) in enumerate(runs.items()):
@@ -83,10 +99,7 @@ def score(
         print("\n".join(f"{sentence(comparison)}." for comparison in comparisons))
     if len(runs) > 1 and output:
         print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
-    sys.stdout.flush()
-    for line in dict.fromkeys(failures):
-        console.fail("evaluate", line, console.NOT_EVALUATED)
-    return console.NOT_EVALUATED if failures else console.DONE
+    return Outcome(summary, found, tuple(dict.fromkeys(failures)))
 
 
 def _require_poses(scored: Scored, estimate: Trajectory) -> None:
@@ -133,12 +146,10 @@ def _place(data: Inputs, output: str, name: str) -> str:
     return str(Path(output) / name) if output and len(data.names) > 1 else output
 
 
-def _write_together(
-    folder: Path, found: Mapping[str, Scored], comparisons: Sequence[Comparison]
-) -> list[str]:
+def _write_together(folder: Path, summary: Mapping[str, Any]) -> list[str]:
     """Write the summary of several estimates; return what went wrong."""
     try:
-        text = json.dumps(offline.together(found, comparisons), indent=2, allow_nan=False)
+        text = json.dumps(summary, indent=2, allow_nan=False)
         (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         return [f"cannot write {folder / 'summary.json'}: {error.strerror or error}"]
