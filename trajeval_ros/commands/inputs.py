@@ -351,7 +351,7 @@ def check_overlap(ground_truth: Trajectory, estimate: Trajectory, time_offset: f
     Raises
     ------
     CommandError
-        Names both ranges.
+        Names both ranges, and what is likely to be the reason.
     """
     for trajectory in (ground_truth, estimate):
         if len(trajectory) == 0:
@@ -361,10 +361,14 @@ def check_overlap(ground_truth: Trajectory, estimate: Trajectory, time_offset: f
     known_first, known_last = _range(ground_truth)
     if last + offset < known_first or first + offset > known_last:
         shifted = f" (with the time offset of {time_offset:g} s)" if offset else ""
+        # Only where it comes to that: it searches.
+        from trajeval_ros.commands.overlap import likely_reason
+
         raise CommandError(
             "the trajectories do not overlap in time:"
             f" ground truth {_in_seconds(known_first)} to {_in_seconds(known_last)},"
             f" estimate {_in_seconds(first + offset)} to {_in_seconds(last + offset)}{shifted}"
+            f"{likely_reason(ground_truth, estimate, time_offset)}"
         )
 
 

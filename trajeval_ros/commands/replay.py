@@ -57,7 +57,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--time-offset",
-        type=console.number(-1e9, 1e9),
+        type=console.number(-9e9, 9e9),
         default=0.0,
         metavar="S",
         help="the estimate's, to publish what belongs together at one time; stamps stay as they"

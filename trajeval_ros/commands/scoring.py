@@ -14,6 +14,7 @@ from typing import Any
 from trajeval_ros.commands import figures
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import Inputs
+from trajeval_ros.commands.overlap import small_share
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.words import sentence
 from trajeval_ros.files.output import FILES, OutputError, OutputFolder
@@ -104,7 +105,7 @@ def score(
 
 def _require_poses(scored: Scored, estimate: Trajectory) -> None:
     """Refuse an estimate of which not a single pose could be evaluated; say why."""
-    why = offline.why_none(estimate.source, len(estimate), scored.summary["estimate"])
+    why = offline.why_none(estimate.source, len(estimate), scored.summary)
     if why is not None:
         raise CommandError(why)
 
@@ -168,6 +169,7 @@ class _Run:
         stack: contextlib.ExitStack,
     ) -> None:
         estimate = data.estimates[data.names.index(name)]
+        self._truth = data.ground_truth
         self._sources = {"ground truth": data.ground_truth.source, "estimate": estimate.source}
         self._parameters = of_estimate(parameters, name)
         self._title = f"{name}: " if len(data.names) > 1 else ""
@@ -204,6 +206,14 @@ class _Run:
         """
         report = self.scoring.report
         print(f"{self._title}{self._sources['estimate']} against {self._sources['ground truth']}\n")
+        share = small_share(
+            scored.summary["estimate"],
+            self._truth,
+            self.scoring.estimate,
+            float(self._parameters["estimate.time_offset"]),  # type: ignore[arg-type]
+        )
+        if share is not None:
+            print(f"warning: {share}\n")
         lines = answers.error_model_lines(scored.summary.get("error_model"))
         earlier = None if before is None else before.summary
         lines += answers.applied_lines(earlier, scored.summary, tuple(applied))

@@ -39,7 +39,14 @@ def ordered(read: Trajectory) -> Trajectory:
         order = right[np.argsort(stamps[right], kind="stable")]
         remarks.append(f"rows are not in the order of time ({backward:,} steps back): sorted")
     superseded = np.zeros(0, dtype=np.int64)
-    if not _coarse(read):
+    if _coarse(read):
+        different = np.unique(stamps)
+        resolved = float(np.median(np.diff(different))) / 1e9 if len(different) > 1 else 0.0
+        remarks.append(
+            f"stamps resolve only {resolved:g} s, {len(different):,} different ones in"
+            f" {len(stamps):,} rows: write them with more digits"
+        )
+    else:
         superseded, order = _superseded(read, order)
         if len(superseded):
             count = len(superseded)

@@ -165,7 +165,7 @@ def _result(
     summary: dict[str, Any] = engine.summary(name)
     count_left_out(summary["estimate"], estimate.data)
     count_left_out(summary["ground_truth"], truth.data)
-    why = why_none(estimate.name, len(estimate), summary["estimate"])
+    why = why_none(estimate.name, len(estimate), summary)
     if why is not None:
         raise ValueError(why)
     record.notices = engine.notices(name)

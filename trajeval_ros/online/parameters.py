@@ -185,8 +185,9 @@ _TABLE = (
         0.0,
         "Added to the stamps of the estimate",
         "s",
-        lower=-1e6,
-        upper=1e6,
+        # What nanoseconds in 64 bits can hold, nearly.
+        lower=-9e9,
+        upper=9e9,
     ),
     Parameter(
         "extrinsic",

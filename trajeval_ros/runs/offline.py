@@ -188,14 +188,24 @@ def _places(health: Health, truth: Trajectory, estimate: Trajectory) -> tuple[st
     return (*places, *_where_to_look("ground truth", truth, health.ground_truth))
 
 
-def why_none(source: str, poses: int, counts: Figures) -> str | None:
-    """Why of an estimate's ``poses`` none could be evaluated, by its ``counts``; None if some."""
+def why_none(source: str, poses: int, summary: Figures) -> str | None:
+    """Why of an estimate's ``poses`` none could be evaluated, by its summary; None if some."""
+    counts, truth = summary["estimate"], summary["ground_truth"]
     if counts["evaluated"]:
         return None
-    reasons = ", ".join(f"{n:,} {reason}" for reason, n in counts["rejected"].items() if n)
+    if truth["received"] and not truth["used"]:
+        # With no ground truth at all, that is the trouble.
+        return (
+            f"{source}: none of its {poses:,} poses could be evaluated, for of the ground truth's"
+            f" {truth['received']:,} none could be used ({_reasons(truth)})"
+        )
     return f"{source}: none of its {poses:,} poses could be evaluated" + (
-        f" ({reasons})" if reasons else ""
+        f" ({_reasons(counts)})" if _reasons(counts) else ""
     )
+
+
+def _reasons(counts: Figures) -> str:
+    return ", ".join(f"{n:,} {reason}" for reason, n in counts["rejected"].items() if n)
 
 
 def count_left_out(counts: Figures, trajectory: Trajectory) -> None:
