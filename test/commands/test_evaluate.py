@@ -238,7 +238,7 @@ def test_output_that_cannot_be_written(run: tuple[Path, Path], tmp_path: Path) -
 
 
 def test_a_full_disk_costs_what_does_not_fit(run: tuple[Path, Path], tmp_path: Path) -> None:
-    limit = resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY)
+    limit = resource.RLIMIT_FSIZE, (30_000, resource.RLIM_INFINITY)
     result = evaluate(
         "tum", *run, "--output", tmp_path / "out", preexec_fn=lambda: resource.setrlimit(*limit)
     )

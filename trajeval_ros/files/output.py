@@ -5,6 +5,9 @@
 A run may last for days, so the rows of ``poses.csv`` go to a hidden stream file in the folder as
 they come, and no row is kept in memory. Each of the three files appears whole, by a rename, or not
 at all.
+
+ATE's alignment is not known before the end. So every row keeps room for the pose's two errors, and
+they are filled in, in place, as the folder is written.
 """
 
 from __future__ import annotations
@@ -15,7 +18,8 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -24,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.online.results import Evaluations
 
 Array = npt.NDArray[np.float64]
@@ -41,14 +46,25 @@ COLUMNS: tuple[str, ...] = (
     "chi2",
     "log_det",
     "log_likelihood",
+    "sampled",
+    "ate_translation",
+    "ate_rotation",
 )
 """The columns of ``poses.csv``."""
 
 _HEADER = ",".join(COLUMNS) + "\n"
 
+# The last three columns have this many characters: what the two errors do not need, and each may
+# need 24, are blanks behind the first of them, a number to every reader of CSV.
+_TAIL = 52
+# How much of the rows is in memory at a time, bytes.
+_BLOCK = 1 << 20
+
 # Ctrl-C this often while one file is being written, and it is given up.
 _PATIENCE = 20
 
+# Where a row has the two poses.
+_POSES = tuple(COLUMNS.index(f"{whose}_{name}") for whose in ("gt", "est") for name in _POSE)
 
 FILES = ("summary.json", "poses.csv", "report.html")
 """What is written, in this order."""
@@ -97,11 +113,60 @@ def format_rows(evaluations: Evaluations) -> str:
     )
     # repr(float) is the shortest text that reads back as the same number; NumPy has no batch form
     # of it.
-    lines = [
-        f"{stamp}," + ",".join(map(repr, row))
-        for stamp, row in zip(evaluations.stamps.tolist(), columns.tolist(), strict=True)
-    ]
-    return "".join(line.replace("nan", "") + "\n" for line in lines)
+    rows = zip(
+        evaluations.stamps.tolist(), columns.tolist(), evaluations.sampled.tolist(), strict=True
+    )
+    return "".join(
+        f"{stamp},{','.join(map(repr, row)).replace('nan', '')}{_tail(sampled)}\n"
+        for stamp, row, sampled in rows
+    )
+
+
+def _tail(sampled: bool, translation: str = "", rotation: str = "") -> str:
+    """The last three columns."""
+    return f",{int(sampled)}".ljust(_TAIL - 2 - len(translation + rotation)) + (
+        f",{translation},{rotation}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Errors:
+    """The conventional absolute errors, under ATE's alignment."""
+
+    alignment: Similarity
+    has_rotation: bool
+
+    @classmethod
+    def of(cls, summary: Summary) -> _Errors | None:
+        """What the summary's ATE is of; None where there is none."""
+        figures = summary.get("conventional", {})
+        if figures.get("ate_translation_rmse") is None:
+            return None
+        pose = np.array(figures["alignment"]["pose"])
+        alignment = Similarity(
+            se3.from_position_quaternion(pose[:3], pose[3:]), figures["alignment"]["scale"]
+        )
+        return cls(alignment, figures.get("ate_rotation_rmse") is not None)
+
+    def filled(self, rows: bytes) -> bytes:
+        """Whole ``rows`` with the errors of those that ATE counts; not a byte longer."""
+        lines = rows.decode("utf-8").splitlines()
+        poses = np.loadtxt(lines, delimiter=",", usecols=_POSES, ndmin=2)
+        truth, estimate = (
+            se3.from_position_quaternion(part[:, :3], part[:, 3:])
+            for part in (poses[:, :7], poses[:, 7:])
+        )
+        moved = self.alignment.apply(estimate)
+        translation = np.linalg.norm(truth[:, :3, 3] - moved[:, :3, 3], axis=-1)
+        turns = truth[:, :3, :3].swapaxes(-1, -2) @ moved[:, :3, :3]
+        rotation = np.linalg.norm(se3.log_so3(turns), axis=-1)
+        texts = zip(map(repr, translation.tolist()), map(repr, rotation.tolist()), strict=True)
+        return "".join(
+            line[:-_TAIL] + _tail(True, metres, radians if self.has_rotation else "") + "\n"
+            if line[1 - _TAIL] == "1"
+            else f"{line}\n"
+            for line, (metres, radians) in zip(lines, texts, strict=True)
+        ).encode("utf-8")
 
 
 class OutputFolder:
@@ -252,6 +317,7 @@ class OutputFolder:
     ) -> None:
         """Write ``summary.json``, ``poses.csv``, complete to this moment, and ``report.html``.
 
+        The rows get the errors that the ATE in ``summary`` is of.
         ``report`` (without it there is no ``report.html``) is called with the summary, after the
         two other files are safe. May be called again and again, but not after the ``last`` time,
         for which no copy of the rows is made. A file that cannot be written does not keep the next
@@ -261,7 +327,7 @@ class OutputFolder:
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         steps: dict[str, Callable[[], None]] = {
             "summary.json": lambda: self._replace_summary(text, last),
-            "poses.csv": lambda: self._write_rows(last),
+            "poses.csv": lambda: self._write_rows(last, _Errors.of(summary)),
         }
         if report is not None:
             steps["report.html"] = lambda: self._replace(
@@ -308,19 +374,33 @@ class OutputFolder:
             with contextlib.suppress(OSError):
                 partial.unlink(missing_ok=True)
 
-    def _write_rows(self, last: bool) -> None:
+    def _write_rows(self, last: bool, errors: _Errors | None) -> None:
         self._append_waiting()
+        if errors is not None:
+            for position, rows in self._blocks():
+                _overwrite(self._stream.fileno(), errors.filled(rows), position)
         if last:
             self._hand_over()
         else:
             self._replace("poses.csv", self._copy_rows)
+
+    def _blocks(self) -> Iterator[tuple[int, bytes]]:
+        """The rows of the stream, many at a time, and where they stand in it."""
+        position, end = len(_HEADER), self._size
+        while position < end:
+            block = os.pread(self._stream.fileno(), min(_BLOCK, end - position), position)
+            rows = block[: block.rfind(b"\n") + 1]
+            if not rows:
+                return
+            yield position, rows
+            position += len(rows)
 
     def _copy_rows(self, file: IO[bytes]) -> None:
         if self._size == 0:
             _put(file, _HEADER)
         # pread leaves the position alone.
         position = 0
-        while block := os.pread(self._stream.fileno(), 1 << 20, position):
+        while block := os.pread(self._stream.fileno(), _BLOCK, position):
             file.write(block)
             position += len(block)
 
@@ -376,6 +456,13 @@ class OutputFolder:
 
 def _put(file: IO[bytes], text: str) -> None:
     file.write(text.encode("utf-8"))
+
+
+def _overwrite(descriptor: int, data: bytes, position: int) -> None:
+    """Write in the place of as many bytes, which needs no room."""
+    written = 0
+    while written < len(data):
+        written += os.pwrite(descriptor, data[written:], position + written)
 
 
 def _refused(where: object, error: OSError) -> str:

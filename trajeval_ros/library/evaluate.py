@@ -12,6 +12,7 @@ from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
+from trajeval_ros.files.provenance import described
 from trajeval_ros.files.span import Instant, cut_all, span_of
 from trajeval_ros.library.result import Poses, Result, Results
 from trajeval_ros.library.settings import parameters_of
@@ -23,6 +24,7 @@ from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.offline import compared, count_left_out, why_none
+from trajeval_ros.runs.origin import origin
 from trajeval_ros.wall import shield
 
 # Points of the report's running figures.
@@ -162,13 +164,14 @@ def _result(
     joint: bool,
 ) -> Result:
     poses = Poses.of([results.evaluations for results in kept])
-    summary: dict[str, Any] = engine.summary(name)
+    sources = described(truth.data.source), described(estimate.data.source)
+    summary: dict[str, Any] = {**origin(record.parameters, *sources), **engine.summary(name)}
     count_left_out(summary["estimate"], estimate.data)
     count_left_out(summary["ground_truth"], truth.data)
     why = why_none(estimate.name, len(estimate), summary)
     if why is not None:
         raise ValueError(why)
-    record.notices = engine.notices(name)
+    record.notices, record.way = engine.notices(name), engine.way()
     record.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     cross = tuple(blocks for results in kept for blocks in results.cross)
     gauge = engine.settings.evaluation.gauge

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.error_model.nuisances import Truth
+from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.parameters import ONE, ParameterError, Value, complete, table
 from trajeval_ros.online.reference import Reference
 from trajeval_ros.online.results import Health, Notice, Results
@@ -140,6 +141,10 @@ class Engine:
         known = [begin for begin in begins if begin is not None]
         if len(known) == len(begins) and not self._whole:
             self._reference.ground_truth.forget(min(known))
+
+    def way(self) -> Way:
+        """The whole way of the ground truth, in bounded memory."""
+        return self._reference.odometer.way()
 
     def truth(self, stamps: Stamps, name: str | None = None) -> Truth:
         """The ground truth at ``stamps`` (n,), on its own clock, as an estimate is answered."""

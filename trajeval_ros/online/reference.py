@@ -16,6 +16,7 @@ from trajeval_ros.ground_truth.screen import Screen, Screened
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.trajectory import GroundTruth
 from trajeval_ros.online.accounting import Reason
+from trajeval_ros.online.coverage import Odometer
 from trajeval_ros.online.intake import Accepted, Intake
 from trajeval_ros.online.results import Notice, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
@@ -37,6 +38,7 @@ class Reference:
         process = settings.process
         self._screen = Screen((process.translation_std, process.rotation_std), self.faults)
         self.ground_truth = GroundTruth(process, self.faults)
+        self.odometer = Odometer(process.translation_std)
 
     @property
     def known(self) -> Stamps:
@@ -73,6 +75,7 @@ class Reference:
             self._intake.account.reject(Reason(code), count)
         if len(screened.samples):
             self.ground_truth.append(screened.samples)
+            self.odometer.add(screened.samples.stamps, screened.samples.poses[:, :3, 3])
 
     def learned(self) -> tuple[Notice, ...]:
         """What has been learned, if it is to be."""

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Gauge, Similarity
 from trajeval_ros.alignment.observability import Observability
+from trajeval_ros.alignment.umeyama import Alignment
 from trajeval_ros.conventional.distributions import Distribution
 from trajeval_ros.ground_truth.fit import Fit
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
@@ -225,7 +226,21 @@ def _conventional(evaluation: Evaluation) -> Figures:
         "re_rotation_rmse": conventional.re_rotation_rmse,
         "re_delta": evaluation.settings.relative_delta,
         "re_unit": evaluation.settings.relative_unit,
+        "alignment": _ate_alignment(conventional.alignment),
     }
+
+
+def _ate_alignment(alignment: Alignment | None) -> Figures:
+    """What ATE is under, as ``absolute.alignment``, which weighs by the ground truth's covariance.
+
+    ATE's is the one of the positions alone.
+    """
+    if alignment is None:
+        return {"pose": None, "scale": None}
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = alignment.rotation, alignment.translation
+    position, quaternion = se3.to_position_quaternion(pose)
+    return {"pose": [*position.tolist(), *quaternion.tolist()], "scale": float(alignment.scale)}
 
 
 def distributions(evaluation: Evaluation) -> Figures:

@@ -15,6 +15,7 @@ from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.ground_truth.joint import JointCovariance
 from trajeval_ros.likelihood.gaussian import CovarianceError, positive_definite
 from trajeval_ros.online.accounting import Reason
+from trajeval_ros.online.coverage import Presence, coverage
 from trajeval_ros.online.doubts import CovarianceDoubts
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.intake import Accepted, Intake
@@ -91,6 +92,7 @@ class Track:
         self._announced: set[str] = set()
         self._next_alignment = ENOUGH_TO_ALIGN
         self._begin = begin
+        self._presence = Presence()
 
     def change(self, evaluation: EvaluationSettings, timing: Timing) -> None:
         """Go on with another window and another wait."""
@@ -120,6 +122,7 @@ class Track:
         stamps = accepted.stamps + self._settings.time_offset
         arrived = _Pending(stamps, se3.compose(accepted.poses, self._from_body), covariances)
         self._newest_estimate = int(stamps[-1])
+        self._presence.add(stamps)
         self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
 
     def advance(self, now: int | None) -> Results:
@@ -399,7 +402,8 @@ class Track:
 
         That is ``window`` and ``conventional.distributions``.
         """
-        return summarize(self.health(), self._evaluation)
+        figures = summarize(self.health(), self._evaluation)
+        return {**figures, "coverage": coverage(self._reference.odometer.way(), self._presence)}
 
     def summary(self) -> dict[str, object]:
         """Return the figures of the run so far, as ``summary.json`` has them."""

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.causes import likely_causes
+from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.run import Run
@@ -29,8 +30,8 @@ class Report:
     """A run as the report will show it, in bounded memory.
 
     ``parameters`` are the engine's, ``sources`` say where each trajectory comes from, e.g.
-    ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices``, to be set, are the
-    engine's at the time of the report.
+    ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices`` and ``way``, to be set,
+    are the engine's at the time of the report.
 
     No defect of it is raised: :attr:`defects` has a line for each kind.
     """
@@ -47,6 +48,7 @@ class Report:
         self.ground_truth = Coverage()
         self.estimate = Coverage()
         self.notices: tuple[Notice, ...] = ()
+        self.way: Way | None = None
 
     def say(self, line: str) -> None:
         """Remember what has failed, in one line; each line once."""
@@ -102,6 +104,7 @@ class Report:
             buckets=self.track.buckets(),
             ground_truth=self.ground_truth,
             estimate=self.estimate,
+            way=self.way,
         )
 
     def render(self, summary: Mapping[str, Any]) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.results import Notice
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.track import Records
@@ -19,7 +20,8 @@ class Run:
     """Everything the report shows.
 
     ``summary`` and ``parameters`` are the engine's, ``buckets`` are :data:`track.FIELDS` records in
-    time order, ``sources`` say where each trajectory comes from, ``defects`` what failed.
+    time order, ``sources`` say where each trajectory comes from, ``defects`` what failed, ``way``
+    is the ground truth's, also where there is no estimate.
     """
 
     summary: Mapping[str, Any]
@@ -31,3 +33,4 @@ class Run:
     buckets: Records
     ground_truth: Coverage
     estimate: Coverage
+    way: Way | None = None

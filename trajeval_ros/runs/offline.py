@@ -20,6 +20,7 @@ from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.files.output import OutputError, OutputFolder
+from trajeval_ros.files.provenance import described
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
@@ -29,6 +30,7 @@ from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealt
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
+from trajeval_ros.runs.origin import origin
 from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
@@ -93,8 +95,9 @@ def score(
                     scoring.folder.add(results.evaluations)
             done += len(results.evaluations)
         progress(done)
+    source = described(truth.source)
     return {
-        name: _scored(engine, name, truth, scoring, kept[name], whole)
+        name: _scored(engine, name, truth, source, scoring, kept[name], whole)
         for name, scoring in scorings.items()
     }
 
@@ -113,6 +116,7 @@ def _scored(
     engine: Engine,
     name: str,
     truth: Trajectory,
+    source: Figures,
     scoring: Scoring,
     kept: WholeRun,
     whole: bool,
@@ -120,7 +124,11 @@ def _scored(
     report, estimate = scoring.report, scoring.estimate
     report.notices = engine.notices(name)
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
-    summary: Figures = engine.summary(name)
+    summary: Figures = {
+        **origin(report.parameters, source, described(estimate.source)),
+        **engine.summary(name),
+    }
+    report.way = engine.way()
     count_left_out(summary["estimate"], estimate)
     count_left_out(summary["ground_truth"], truth)
     offset = engine.settings.estimates[name].time_offset

@@ -1,0 +1,176 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How much of the run an estimate is there for, in time and along the way; in bounded memory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+_SECOND = 1_000_000_000
+# Without a pose for so many of the usual intervals, and for so long (s), an estimate is lost: the
+# keyframes of a robot that stands come that rarely, its frames do not.
+_INTERVALS = 10.0
+_SHORTEST = 1.0
+# Intervals are counted by their length, 8 bins an octave: their median is known to 5 %.
+_PER_OCTAVE = 8
+_BINS = 63 * _PER_OCTAVE
+# The longest intervals are kept.
+_MOST_INTERVALS = 512
+# A way is measured from one point to the next this many standard deviations of a sample away, so
+# that a robot that stands goes nowhere; what noise adds to a step of this length is a hundredth.
+_STEP = 10.0
+
+
+class Odometer:
+    """The way that a trajectory has gone: its length, and its course in so many points at most."""
+
+    def __init__(self, sample_std: float, capacity: int = 4096) -> None:
+        """Start at no point; ``sample_std`` (m): what a position is good to."""
+        self._step = _STEP * sample_std
+        self._capacity = capacity
+        self._stride = 1
+        self._count = 0
+        self._anchor: tuple[float, ...] | None = None
+        self._points: list[tuple[int, float, tuple[float, ...]]] = []
+        self._last: tuple[int, tuple[float, ...]] | None = None
+        self.length = 0.0
+        """m so far."""
+
+    def add(self, stamps: Stamps, positions: Array) -> None:
+        """Take ``stamps`` (n,), later than all before, and the ``positions`` (n, 3) there."""
+        anchor = self._anchor
+        # One after the other: how far a sample is away depends on where the last step ended.
+        for stamp, position in zip(stamps.tolist(), map(tuple, positions.tolist()), strict=True):
+            away = math.inf if anchor is None else math.dist(position, anchor)
+            if away > self._step:
+                self.length += 0.0 if anchor is None else away
+                anchor = position
+                self._keep(stamp, position)
+            self._last = stamp, position
+        self._anchor = anchor
+
+    def _keep(self, stamp: int, position: tuple[float, ...]) -> None:
+        if self._count % self._stride == 0:
+            self._points.append((stamp, self.length, position))
+        self._count += 1
+        if len(self._points) > self._capacity:
+            self._points = self._points[::2]
+            self._stride *= 2
+
+    def way(self) -> Way:
+        """The way so far, with the newest point."""
+        points = list(self._points)
+        if self._last is not None and self._last[0] > points[-1][0]:
+            points.append((self._last[0], self.length, self._last[1]))
+        stamps, lengths, positions = zip(*points, strict=True) if points else ((), (), ())
+        return Way(
+            np.array(stamps, dtype=np.int64),
+            np.array(lengths, dtype=np.float64),
+            np.array(positions, dtype=np.float64).reshape(-1, 3),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """``stamps`` (N,) ns, with the ``lengths`` (N,) m up to them and the ``positions`` (N, 3)."""
+
+    stamps: Stamps
+    lengths: Array
+    positions: Array
+
+    def between(self, begin: int, end: int) -> float:
+        """The way from one stamp to another, m."""
+        if not len(self.stamps):
+            return 0.0
+        seconds = (self.stamps - self.stamps[0]) * 1e-9
+        asked = (np.array([begin, end]) - self.stamps[0]) * 1e-9
+        first, last = np.interp(asked, seconds, self.lengths)
+        return float(last - first)
+
+
+class Presence:
+    """When an estimate's poses came."""
+
+    def __init__(self) -> None:
+        """Start without a pose."""
+        self.first: int | None = None
+        self.last: int | None = None
+        self._counts = np.zeros(_BINS, dtype=np.int64)
+        self._longest: Stamps = np.empty((0, 2), dtype=np.int64)
+
+    def add(self, stamps: Stamps) -> None:
+        """Take ``stamps`` (n,) ns, later than all before."""
+        if not len(stamps):
+            return
+        before = stamps[:1] if self.last is None else np.array([self.last])
+        ends = np.concatenate([before, stamps]) if self.last is not None else stamps
+        steps = np.diff(ends)
+        bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(steps, 1))).astype(np.int64)
+        np.add.at(self._counts, np.minimum(bins, _BINS - 1), 1)
+        found = np.concatenate([self._longest, np.stack([ends[:-1], ends[1:]], axis=1)])
+        order = np.argsort(found[:, 0] - found[:, 1], kind="stable")[:_MOST_INTERVALS]
+        self._longest = found[order]
+        self.first = int(stamps[0]) if self.first is None else self.first
+        self.last = int(stamps[-1])
+
+    @property
+    def usual_interval(self) -> float | None:
+        """The median interval, s; None with fewer than two poses."""
+        total = int(self._counts.sum())
+        if not total:
+            return None
+        middle = int(np.searchsorted(np.cumsum(self._counts), (total + 1) // 2))
+        return float(2.0 ** ((middle + 0.5) / _PER_OCTAVE) / _SECOND)
+
+    def losses(self, begin: int, end: int) -> Stamps:
+        """The stretches (K, 2) of ``begin`` to ``end`` (ns) without the estimate, in their order.
+
+        What comes before its first pose and after its last counts too.
+        """
+        if self.first is None or self.last is None:
+            return np.array([[begin, end]], dtype=np.int64)
+        ends = np.array([[begin, self.first], [self.last, end]], dtype=np.int64)
+        spans = np.clip(np.concatenate([self._longest, ends]), begin, end)
+        least = max(_SHORTEST, _INTERVALS * (self.usual_interval or 0.0))
+        lost = spans[(spans[:, 1] - spans[:, 0]) * 1e-9 > least]
+        return np.asarray(lost[np.argsort(lost[:, 0], kind="stable")])
+
+
+def coverage(way: Way, presence: Presence) -> dict[str, object]:
+    """The figures ``coverage`` of the summary: of the ground truth's ``way``, what is covered.
+
+    Shares of 1, s and m; None before there is a ground truth with a duration.
+    """
+    names = ("time", "distance", "duration", "path_length", "lost_time", "lost_distance")
+    if len(way.stamps) < 2:
+        return {**dict.fromkeys(names), "losses": 0, "longest_loss": None}
+    begin, end = int(way.stamps[0]), int(way.stamps[-1])
+    losses = presence.losses(begin, end)
+    duration, path = (end - begin) * 1e-9, float(way.lengths[-1])
+    lost = math.fsum(((losses[:, 1] - losses[:, 0]) * 1e-9).tolist())
+    missed = math.fsum(way.between(*loss) for loss in losses.tolist())
+    longest = max(losses.tolist(), key=lambda loss: loss[1] - loss[0], default=None)
+    return {
+        "time": 1.0 - lost / duration,
+        "distance": 1.0 - missed / path if path > 0.0 else None,
+        "duration": duration,
+        "path_length": path,
+        "lost_time": lost,
+        "lost_distance": missed,
+        "losses": len(losses),
+        "longest_loss": None
+        if longest is None
+        else {
+            "begin": longest[0],
+            "end": longest[1],
+            "duration": (longest[1] - longest[0]) * 1e-9,
+            "seconds_from_start": (longest[0] - begin) * 1e-9,
+        },
+    }
