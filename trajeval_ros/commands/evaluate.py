@@ -25,7 +25,7 @@ _APPLICABLE = ("clock_offset", "extrinsic", "scale")
 
 EPILOG = """\
 exit codes: 0 done; 1 the data could not be evaluated, or a file not be written; 2 wrong usage;
-3 evaluated, and not as good as --require asks for"""
+3 evaluated, and not as good as --require or --baseline asks for"""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -72,6 +72,12 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         " repeatable. With several estimates of each, or of one: NAME.conventional...",
     )
     parser.add_argument(
+        "--baseline",
+        metavar="SUMMARY",
+        help="the summary.json of an earlier run, or its folder; exit code 3 where an estimate is"
+        " significantly worse than it was, by its poses where poses.csv lies beside it",
+    )
+    parser.add_argument(
         "--json",
         action="store_true",
         help="print the summary alone on stdout, as in summary.json; all else goes to stderr",
@@ -102,23 +108,30 @@ def evaluate(arguments: argparse.Namespace) -> int:
     with console.directed(quiet=arguments.quiet, to_stderr=arguments.json):
         outcome = _outcome(arguments)
         good = _requirements_hold(arguments.require, outcome)
+        good = _is_no_worse(outcome) and good
     if arguments.json:
         print(json.dumps(outcome.summary, indent=2, allow_nan=False))
     sys.stdout.flush()
-    for line in outcome.failures:
+    failures = [
+        *outcome.failures,
+        *(f"--baseline: {one.failure}" for one in outcome.judgements.values() if one.failure),
+    ]
+    for line in failures:
         console.fail("evaluate", line, console.NOT_EVALUATED)
-    if outcome.failures:
+    if failures:
         return console.NOT_EVALUATED
     return console.DONE if good else console.NOT_GOOD_ENOUGH
 
 
 def _outcome(arguments: argparse.Namespace) -> Outcome:
     """Read, feed the engine, write, print."""
-    from trajeval_ros.commands import inputs, settings
+    from trajeval_ros.commands import baseline, inputs, settings
 
     arguments = inputs.recognised(arguments)
     names = inputs.names_of(arguments.estimate)
     parameters = settings.read(arguments.params, arguments.assignments, names)
+    # Before this run's files take their place.
+    earlier = baseline.read(arguments.baseline, names) if arguments.baseline else {}
     data = inputs.read(arguments)
     offsets = [float(parameters[f"{name}.time_offset"]) for name in data.names]  # type: ignore[arg-type]
     for estimate, offset in zip(data.estimates, offsets, strict=True):
@@ -128,7 +141,7 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
     from trajeval_ros.commands import scoring
 
     output = arguments.output or str(parameters["output.directory"])
-    return scoring.score(data, parameters, output, arguments.apply)
+    return scoring.score(data, parameters, output, arguments.apply, earlier)
 
 
 def _requirements_hold(requirements: Sequence[Requirement], outcome: Outcome) -> bool:
@@ -141,6 +154,21 @@ def _requirements_hold(requirements: Sequence[Requirement], outcome: Outcome) ->
     for verdict in failed:
         console.fail("evaluate", f"required: {verdict.line}", console.NOT_GOOD_ENOUGH)
     return not failed
+
+
+def _is_no_worse(outcome: Outcome) -> bool:
+    """Say how each estimate compares with its baseline; return whether none is worse."""
+    several = len(outcome.judgements) > 1
+    for name, judgement in outcome.judgements.items():
+        print("\n" + "\n".join([*([f"{name}:"] if several else []), *judgement.said]))
+    sys.stdout.flush()
+    good = True
+    for name, judgement in outcome.judgements.items():
+        for line in judgement.worse:
+            good = False
+            owner = f"{name}: " if several else ""
+            console.fail("evaluate", f"worse than before: {owner}{line}", console.NOT_GOOD_ENOUGH)
+    return good
 
 
 if __name__ == "__main__":

@@ -9,9 +9,11 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from trajeval_ros.commands import figures
+from trajeval_ros.commands.baseline import Baseline, Judgement, judge
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.overlap import small_share
@@ -33,16 +35,21 @@ class Outcome:
     """What came of it: the ``summary`` as it is written, of one estimate or of several.
 
     ``found`` of each by its name; ``failures``: a line for each that could not be evaluated or
-    written.
+    written; ``judgements`` against the baseline of those that have one.
     """
 
     summary: Mapping[str, Any]
     found: Mapping[str, Scored]
     failures: tuple[str, ...]
+    judgements: Mapping[str, Judgement]
 
 
 def score(
-    data: Inputs, parameters: Mapping[str, Value], output: str, apply: Sequence[str] = ()
+    data: Inputs,
+    parameters: Mapping[str, Value],
+    output: str,
+    apply: Sequence[str] = (),
+    baselines: Mapping[str, Baseline] = MappingProxyType({}),
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
 
@@ -100,7 +107,13 @@ def score(
         print("\n".join(f"{sentence(comparison)}." for comparison in comparisons))
     if len(runs) > 1 and output:
         print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
-    return Outcome(summary, found, tuple(dict.fromkeys(failures)))
+    settings = settings_of(parameters, data.names)
+    judgements = {
+        name: judge(name, earlier, found[name], settings)
+        for name, earlier in baselines.items()
+        if len(found[name].stamps)
+    }
+    return Outcome(summary, found, tuple(dict.fromkeys(failures)), judgements)
 
 
 def _require_poses(scored: Scored, estimate: Trajectory) -> None:

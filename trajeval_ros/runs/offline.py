@@ -60,12 +60,14 @@ class Scored:
     """What became of an estimate.
 
     Its ``summary``; ``places`` where rejected poses stand; the poses that were ``evaluated``, on
-    the ground truth's clock, but for those in its gaps: there the errors would be its own.
+    the ground truth's clock, but for those in its gaps: there the errors would be its own;
+    ``stamps`` (M,) of all that were, ns, on the same clock.
     """
 
     summary: Figures
     places: tuple[str, ...]
     evaluated: Evaluated
+    stamps: npt.NDArray[np.int64]
 
 
 def score(
@@ -150,7 +152,8 @@ def _scored(
         none,
         report.say,
     )
-    return Scored(summary, places, evaluated[np.flatnonzero(kept.sampled)])
+    sampled = evaluated[np.flatnonzero(kept.sampled)]
+    return Scored(summary, places, sampled, evaluated.stamps)
 
 
 def _models(engine: Engine, evaluated: Evaluated, name: str) -> dict[str, Figures]:

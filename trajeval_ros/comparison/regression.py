@@ -1,0 +1,139 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether an estimate has become worse than it was.
+
+Where the poses of before are known, their errors are paired with those of now as in `compare`.
+Without them there is no interval for the ratio of two RMSEs: then the standard deviations of the
+error models' parameters are compared, which have one, as two that have nothing in common.
+
+One run asks several such questions. The gate as a whole is to be wrong in no more than one of
+twenty runs in which nothing has changed: of k figures each may be in one of 20 k (Bonferroni), on
+the one side that is worse. And what is less than a hundredth worse is not worse, however surely:
+the last digits differ between two machines.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from scipy.special import ndtr
+
+from trajeval_ros.comparison.common import Stamps, coverage
+from trajeval_ros.comparison.compare import Comparison
+from trajeval_ros.comparison.ratio import Ratio
+
+Figures = Mapping[str, Any]
+
+WRONG = 0.05
+"""How often the gate as a whole says "worse" where nothing has changed."""
+NEGLIGIBLE = 0.01
+"""What is less worse than this share is not worse."""
+_GAP = 1.0
+_PARTS = ("translation", "rotation")
+_PROCESS = ("jitter_std", "drift_std", "velocity_std", "wander_std")
+_LIMIT_OF_95 = 1.959963984540054
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """A figure now against the same before.
+
+    Attributes:
+        name: as in ``summary.json``: ``re_translation``, ``translation.jitter_std``.
+        now: in its SI unit.
+        before: the same.
+        interval: 95 % interval of the ratio of now to before; None where there is none.
+        p_value: of the ratio being 1, two-sided; None where there is none.
+        reason: why there is none.
+        worse: whether it is, significantly; decided by `decided`.
+    """
+
+    name: str
+    now: float
+    before: float
+    interval: tuple[float, float] | None
+    p_value: float | None
+    reason: str | None = None
+    worse: bool = False
+
+
+def paired(comparison: Comparison) -> tuple[Change, ...]:
+    """What a comparison of now (a) with before (b) says of each figure that both have."""
+    ratios = {
+        name: getattr(comparison, name)
+        for name in ("ate_translation", "ate_rotation", "re_translation", "re_rotation")
+    }
+    return decided(_of_ratio(name, one) for name, one in ratios.items() if one is not None)
+
+
+def unpaired(now: Figures, before: Figures) -> tuple[Change, ...]:
+    """What two summaries, as of ``summary.json``, say of each parameter of the error models.
+
+    Nothing where one has no error model. Of a part (translation, rotation) that is told by other
+    parameters than before, nothing either: those are not the same figures.
+    """
+    models = [summary.get("error_model") or {} for summary in (now, before)]
+    found: list[Change] = []
+    for part in _PARTS:
+        groups = [model.get(part) or {} for model in models]
+        if set(groups[0]) != set(groups[1]):
+            continue
+        found += [
+            _of_parameters(f"{part}.{key}", groups[0][key], groups[1][key])
+            for key in _PROCESS
+            if key in groups[0]
+        ]
+    return decided(found)
+
+
+def lost_seconds(now: Stamps, before: Stamps) -> float:
+    """How much less is covered than before, s, ``now`` and ``before`` (M,) ns; 0 if hardly any.
+
+    Less than a second, or than a hundredth of what was covered, is hardly any.
+    """
+    found = coverage(now, before, 0)
+    lost = found.only_b.seconds
+    least = max(_GAP, NEGLIGIBLE * (lost + found.common.seconds))
+    return lost if lost >= least else 0.0
+
+
+def decided(changes: Iterable[Change]) -> tuple[Change, ...]:
+    """Return the changes with what is to be said of each."""
+    every = tuple(changes)
+    asked = sum(change.p_value is not None for change in every)
+    return tuple(
+        dataclasses.replace(
+            change,
+            worse=change.p_value is not None
+            and change.now > (1.0 + NEGLIGIBLE) * change.before
+            and 0.5 * change.p_value < WRONG / asked,
+        )
+        for change in every
+    )
+
+
+def _of_ratio(name: str, ratio: Ratio) -> Change:
+    reason = None if ratio.reason is None else str(ratio.reason)
+    return Change(name, ratio.rmse_a, ratio.rmse_b, ratio.interval, ratio.p_value, reason)
+
+
+def _of_parameters(name: str, now: Figures, before: Figures) -> Change:
+    """Of two standard deviations that are lognormal, as positive ones are."""
+    values = (now["value"], before["value"])
+    shares = [
+        None
+        if figure["std"] is None or not figure["value"] > 0.0
+        else figure["std"] / figure["value"]
+        for figure in (now, before)
+    ]
+    if None in shares:
+        return Change(name, *values, None, None, "zero")
+    std = math.hypot(*(share for share in shares if share is not None))
+    log_ratio = math.log(values[0] / values[1])
+    half = _LIMIT_OF_95 * std
+    interval = (math.exp(log_ratio - half), math.exp(log_ratio + half))
+    p_value = 2.0 * float(ndtr(-abs(log_ratio) / std)) if std > 0.0 else float(log_ratio == 0.0)
+    return Change(name, *values, interval, p_value)
