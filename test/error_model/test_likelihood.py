@@ -86,6 +86,23 @@ def test_gradient_is_that_of_the_dense_likelihood(kind, count):
 
 
 @pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("count", [2, 25])
+def test_average_information_is_the_dense_one(kind, count):
+    data, gauge = problem(count, 3, columns=9 if count > 2 else 1)
+    found = Likelihood(kind, PARAMETERS[kind], data, gauge).average_information()
+    expected = twin.average_information(kind, PARAMETERS[kind], data, gauge)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_poses_scores_add_up_to_the_gradient(kind):
+    data, gauge = problem(30, 4)
+    found = Likelihood(kind, PARAMETERS[kind], data, gauge)
+    assert found.scores().shape == (30, 2, len(kind.names))
+    np.testing.assert_allclose(found.scores().sum(axis=0), found.gradient(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", list(Kind))
 def test_slopes_of_the_steps_are_their_derivatives(kind):
     intervals = np.array([1e-3, 0.02, 0.3, 4.0])
     parameters = PARAMETERS[kind][0]

@@ -62,3 +62,24 @@ def log_likelihood(kind, parameters, data, gauge):
     dof = len(y) - len(prior)
     log_det = np.linalg.slogdet(total)[1] + np.linalg.slogdet(information)[1]
     return -0.5 * (chi2 + log_det + dof * np.log(2.0 * np.pi)), theta[: len(data.precision)]
+
+
+def average_information(kind, parameters, data, gauge):
+    """``½ (∂V/∂ψᵢ P z)ᵀ P (∂V/∂ψⱼ P z)``, V's derivatives by differences."""
+    total, flat = covariance(kind, parameters, data)
+    if kind is Kind.WANDER:
+        flat = gauge.reshape(len(total), -1)
+    columns = np.concatenate([data.nuisances.reshape(len(total), -1), flat], axis=1)
+    prior = np.concatenate([data.precision, np.zeros(flat.shape[1])])
+    weight = np.linalg.inv(total)
+    information = columns.T @ weight @ columns + np.diag(prior)
+    projection = weight - weight @ columns @ np.linalg.solve(information, columns.T @ weight)
+    scores = projection @ data.errors.ravel()
+    moved = []
+    for index in np.ndindex(parameters.shape):
+        step = np.zeros_like(parameters)
+        step[index] = 1e-4
+        later, earlier = (covariance(kind, parameters + s * step, data)[0] for s in (1, -1))
+        moved.append((later - earlier) @ scores / 2e-4)
+    moved = np.array(moved)
+    return 0.5 * moved @ projection @ moved.T

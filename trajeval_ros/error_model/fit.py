@@ -40,9 +40,11 @@ ENOUGH = 40
 # Shifts (s) along the twists that stand for a new answer of the ground truth on the way.
 _NEAR = 5e-3
 _ITERATIONS = 8
-_SEARCH = 20
-_FINISH = 8
-_STRETCH = 800
+# A rough search ends where another step gains less than this, nats, and after a few steps.
+_ROUGH_GAIN = 0.2
+_FEW = 6
+# A search begins in so many poses, since each step of it takes time.
+_STRETCH = 300
 # A step of less than this share of its standard deviation is the last.
 _CONVERGED = 0.05
 # Where a Gauss-Newton step is longer (s), it is cut: the ground truth bends.
@@ -144,37 +146,34 @@ def _fit(stamps: Stamps, estimate: Array, ask: Ask) -> ErrorModel | None:
     if len(stamps) < ENOUGH:
         return None
     problem = _Problem(stamps, estimate, ask)
-    nuisances = start(stamps, estimate, ask)
+    nuisances = start(stamps, estimate, problem.ask)
     if not problem.enough(nuisances):
         nuisances = Nuisances.none()
         if not problem.enough(nuisances):
             return None
-    nuisances, found = problem.first(nuisances)
+    found = problem.first(nuisances)
     nuisances, found = problem.improve(nuisances, found, _ITERATIONS, near=True)
     candidates = _candidates(found)
     best = max(candidates, key=_score)
-    nuisances, best = problem.improve(nuisances, best, _ITERATIONS)
-    best = maximum(best.kind, best.parameters, best.data, best.gauge, _FINISH)
-    nuisances, best = problem.improve(nuisances, best, 1)
+    nuisances, best = problem.improve(nuisances, best, _ITERATIONS, near=True)
+    best = maximum(best.kind, best.parameters, best.data, best.gauge)
+    nuisances, best = problem.improve(nuisances, best, 2)
+    best = problem.exact(nuisances, best)
     alternatives = {c.kind: c.likelihood.at_theta / len(c.data.times) for c in candidates}
     alternatives[best.kind] = best.likelihood.at_theta / len(best.data.times)
     return _described(problem.kept(nuisances), nuisances, best, alternatives)
 
 
 def _candidates(drift: Maximum) -> list[Maximum]:
-    """The three processes, each at its maximum.
-
-    In a long run, a stretch tells where the search begins, since each step of it takes time.
-    """
+    """The three processes, each at its maximum."""
     part = _stretch(drift)
-    long = len(part.data.times) < len(drift.data.times)
     found = []
     for kind in Kind:
-        first = part.parameters if kind is Kind.DRIFT else _first(kind, part)
-        each = maximum(kind, first, part.data, part.gauge, _SEARCH, 2)
-        if long:
-            each = maximum(kind, each.parameters, drift.data, drift.gauge, _FINISH, 1)
-        found.append(each)
+        begin = drift.parameters
+        if kind is not Kind.DRIFT:
+            begin = _first(kind, part)
+            begin = maximum(kind, begin, part.data, part.gauge, _ROUGH_GAIN, _FEW).parameters
+        found.append(maximum(kind, begin, drift.data, drift.gauge, _ROUGH_GAIN, _FEW))
     return found
 
 
@@ -231,12 +230,11 @@ class _Problem:
         self._stamps, self._estimate, self._ask_anew = stamps, estimate, ask
         self._known: tuple[Stamps, Truth] | None = None
 
-    def _ask(self, nuisances: Nuisances, near: bool = False) -> Truth:
-        """The ground truth, at the clock offset and rate given.
+    def ask(self, stamps: Stamps, near: bool = False) -> Truth:
+        """The ground truth at ``stamps`` (N,), on its own clock.
 
         ``near``: on the way there, a small shift along the twists does.
         """
-        stamps = nuisances.stamps(self._stamps)
         if self._known is not None:
             asked, answer = self._known
             shift = (stamps - asked) * 1e-9
@@ -251,17 +249,16 @@ class _Problem:
 
     def enough(self, nuisances: Nuisances, near: bool = False) -> bool:
         """Whether enough poses have a ground truth."""
-        return int(self._ask(nuisances, near).valid.sum()) >= ENOUGH
+        return int(self.ask(nuisances.stamps(self._stamps), near).valid.sum()) >= ENOUGH
 
     def kept(self, nuisances: Nuisances) -> Stamps:
         """The stamps that have one."""
-        return self._stamps[self._ask(nuisances).valid]
+        return self._stamps[self.ask(nuisances.stamps(self._stamps)).valid]
 
-    def first(self, nuisances: Nuisances) -> tuple[Nuisances, Maximum]:
+    def first(self, nuisances: Nuisances) -> Maximum:
         """The drift at the nuisances given, from nothing."""
         data, gauge = self._prepared(nuisances)
-        found = maximum(Kind.DRIFT, rough(Kind.DRIFT, data), data, gauge, weights=1)
-        return nuisances, found
+        return maximum(Kind.DRIFT, rough(Kind.DRIFT, data), data, gauge, _ROUGH_GAIN, _FEW)
 
     def improve(
         self, nuisances: Nuisances, found: Maximum, iterations: int, near: bool = False
@@ -289,11 +286,20 @@ class _Problem:
                 data = replace(data, measured=found.data.measured, moved=found.data.moved)
                 found = at(found.kind, found.parameters, data, gauge)
             else:
-                found = maximum(found.kind, found.parameters, data, gauge, _FINISH, 1)
+                found = maximum(found.kind, found.parameters, data, gauge, _ROUGH_GAIN, _FEW // 2)
         return nuisances, found
 
+    def exact(self, nuisances: Nuisances, found: Maximum) -> Maximum:
+        """What is found, with the ground truth asked just there."""
+        if not self.enough(nuisances):
+            return found
+        data, gauge = self._prepared(nuisances)
+        if len(found.data.times) == len(data.times):
+            data = replace(data, measured=found.data.measured, moved=found.data.moved)
+        return at(found.kind, found.parameters, data, gauge)
+
     def _prepared(self, nuisances: Nuisances, near: bool = False) -> tuple[Data, Array]:
-        reference = self._ask(nuisances, near)
+        reference = self.ask(nuisances.stamps(self._stamps), near)
         good = reference.valid
         kept = Truth(
             reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
@@ -307,8 +313,7 @@ def _described(
     here = found.likelihood
     count = len(NAMES)
     nuisances = nuisances.moved(here.theta[:count])
-    blocks = min(max(here.count // _BLOCK, 4), _BLOCKS)
-    inflation = np.maximum(here.clustered_ratio(blocks)[:count], 1.0)
+    inflation = np.maximum(here.clustered_ratio(_blocks(here.count))[:count], 1.0)
     covariance = here.theta_covariance[:count, :count] * inflation * inflation[:, None]
     white = here.innovations()
     autocorrelation = np.array(
@@ -338,9 +343,14 @@ def _described(
     )
 
 
+def _blocks(count: int) -> int:
+    """Into how many stretches so many poses are cut."""
+    return min(max(count // _BLOCK, 4), _BLOCKS)
+
+
 def _groups(found: Maximum) -> dict[str, dict[str, Figure]]:
     """Each parameter's value and standard deviation, and the long-run drift's."""
-    covariance = uncertainty(found)
+    covariance = uncertainty(found, _blocks(found.likelihood.count))
     names = found.kind.names
     size = len(names)
     groups: dict[str, dict[str, Figure]] = {}

@@ -33,16 +33,11 @@ class Factor:
 
         Raises numpy.linalg.LinAlgError where the matrix is not positive definite.
         """
-        count, size = diagonal.shape[:2]
-        height = 2 * size
-        columns = np.zeros((count, size, height))
-        for c in range(size):
-            columns[:, c, : size - c] = diagonal[:, c:, c]
-            columns[:-1, c, size - c : height - c] = below[:, :, c]
-        factor, info = lapack.dpbtrf(columns.reshape(-1, height).T, lower=1, overwrite_ab=1)
+        band = _banded(diagonal, below)
+        factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
         if info != 0 or not np.isfinite(factor[0]).all():
             raise np.linalg.LinAlgError("the information matrix is not positive definite")
-        return Factor(np.asarray(factor), size)
+        return Factor(np.asarray(factor), diagonal.shape[1])
 
     @property
     def log_det(self) -> float:
@@ -82,3 +77,34 @@ class Factor:
         for i in range(len(gains) - 1, -1, -1):
             found[i] += backwards[i] @ found[i + 1] @ gains[i]
         return found, -found[1:] @ gains
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """``A x = d`` with ``x_0 = d_0``, ``x_(i+1) = F_i x_i + d_(i+1)``, of n poses with m rows."""
+
+    band: Array
+
+    @staticmethod
+    def of(transition: Array) -> Chain:
+        """Of the F, (n - 1, m, m)."""
+        count, size = len(transition) + 1, transition.shape[1]
+        return Chain(_banded(np.broadcast_to(np.eye(size), (count, size, size)), -transition))
+
+    def solve(self, columns: Array, *, transposed: bool = False) -> Array:
+        """``A⁻¹ d``, or ``A⁻ᵀ d``, of (n, m, c)."""
+        flat = columns.reshape(-1, columns.shape[-1])
+        trans = "T" if transposed else "N"
+        solution, _ = lapack.dtbtrs(self.band, flat, uplo="L", trans=trans, diag="U")
+        return np.ascontiguousarray(solution).reshape(columns.shape)
+
+
+def _banded(diagonal: Array, below: Array) -> Array:
+    """Blocks (n, m, m) and those below them, (n - 1, m, m), in LAPACK's lower band storage."""
+    count, size = diagonal.shape[:2]
+    height = 2 * size
+    columns = np.zeros((count, size, height))
+    for c in range(size):
+        columns[:, c, : size - c] = diagonal[:, c:, c]
+        columns[:-1, c, size - c : height - c] = below[:, :, c]
+    return columns.reshape(-1, height).T

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.error_model.information import Factor
+from trajeval_ros.error_model.information import Chain, Factor
 from trajeval_ros.error_model.process import Kind, steps
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +67,7 @@ class Likelihood:
         parameters: ψ, (2, p), of translation and rotation, as ``kind.names``. gauge: columns
         (N, 6, 6) of the world's alignment; they are nuisances where the process is not free.
         """
-        self.kind, self.parameters, self.data = kind, parameters, data
+        self.kind, self.parameters, self.data, self.gauge = kind, parameters, data, gauge
         self.count, self.size = len(data.times), 6 * kind.components
         self.columns, self.precision = data.nuisances, data.precision
         if kind is Kind.WANDER:
@@ -178,12 +178,16 @@ class Likelihood:
 
     def gradient(self) -> Array:
         """``∂ log L / ∂ψ``, (2, p)."""
+        return np.asarray(self.scores().sum(axis=0))
+
+    def scores(self) -> Array:
+        """What each pose, with the step that leads to it, adds to the gradient; (N, 2, p)."""
         noise, moved, earlier = self.covariances
-        found: Array = np.zeros((2, len(self.kind.names)))
+        found: Array = np.zeros((self.count, 2, len(self.kind.names)))
         second = self.residual[..., None] * self.residual[:, None] + noise
         seen = self.weight @ second @ self.weight - self.weight
         diagonal = np.einsum("nii->ni", seen).reshape(-1, 2, 3).sum(axis=2)
-        found[:, 0] = (self.data.measured * diagonal).sum(axis=0) * self._jitter
+        found[:, :, 0] = self.data.measured * diagonal * self._jitter
         w = self.moves
         moments = w[..., None] * w[:, None] + moved
         mixed = self.states[:-1, :, None] * w[:, None] + earlier
@@ -196,13 +200,77 @@ class Likelihood:
             across = self._traces(crossed, g)
             begin = self._traces(first[None], g)[0]
             for j in range(1, len(self.kind.names)):
-                found[g, j] = (
-                    0.5 * np.vdot(step.slope_noise[j], each)
-                    + np.einsum("ncd,ndc->", step.slope_transition[j], across)
-                    - 0.5 * np.vdot(step.slope_prior[j], begin)
-                    + 1.5 * step.slope_log_prior[j]
-                )
+                found[1:, g, j] = 0.5 * np.einsum("ncd,ncd->n", step.slope_noise[j], each)
+                if self.kind.names[j].endswith("time"):
+                    slope = step.slope_transition[j]
+                    found[1:, g, j] += np.einsum("ncd,ndc->n", slope, across)
+                found[0, g, j] = 1.5 * step.slope_log_prior[j]
+                found[0, g, j] -= 0.5 * np.vdot(step.slope_prior[j], begin)
         return found
+
+    def average_information(self) -> Array:
+        """Of ψ, (2p, 2p): the mean of the observed and the expected one.
+
+        ``½ qᵢᵀ P qⱼ`` with ``qᵢ = (∂V/∂ψᵢ) P z``, V the covariance of the errors with the states in
+        it and P its inverse but for what is integrated out (Gilmour, Thompson and Cullis, 1995).
+        """
+        p, count = len(self.kind.names), self.count
+        scores = (self.weight @ self.residual[..., None])[..., 0]
+        felt = np.zeros((count, self.size))
+        felt[0] = self.process_prior @ self.states[0]
+        felt[1:] = (self.process_weight @ self.moves[..., None])[..., 0]
+        chain = Chain.of(self.transition)
+        moved = np.zeros((count, self.size, 2, p - 1))
+        k = self.kind.components
+        for g, step in enumerate(self._steps):
+            # Views of the group's components on the three axes.
+            into = moved.reshape(count, k, 2, 3, 2, p - 1)[:, :, g, :, g]
+            state = self.states.reshape(count, k, 2, 3)[:, :, g]
+            score = felt.reshape(count, k, 2, 3)[:, :, g]
+            scaled = self.data.moved[:, g, None, None]
+            for j in range(1, p):
+                into[1:, ..., j - 1] += np.einsum(
+                    "ncd,nda->nca", step.slope_noise[j] * scaled, score[1:]
+                )
+                if not self.kind.names[j].endswith("time"):
+                    # The first pose's variance, where it has one, goes with σ².
+                    own = np.diag(step.slope_prior[j]) != 0.0
+                    into[0, own, :, j - 1] += 2.0 * state[0, own]
+                    continue
+                f = step.slope_transition[j]
+                into[1:, ..., j - 1] += np.einsum("ncd,nda->nca", f, state[:-1])
+                back = np.zeros((count, k, 2, 3))
+                back[:-1, :, g] = np.einsum("ndc,nda->nca", f, score[1:])
+                back = chain.solve(back.reshape(count, self.size, 1), transposed=True)
+                back = back.reshape(count, k, 2, 3)
+                noise = self._steps
+                for h, other in enumerate(noise):
+                    through = moved.reshape(count, k, 2, 3, 2, p - 1)[:, :, h, :, g, j - 1]
+                    q = other.noise * self.data.moved[:, h, None, None]
+                    through[1:] += np.einsum("ncd,nda->nca", q, back[1:, :, h])
+                    proper = np.diag(other.prior) > 0.0
+                    variance = 1.0 / np.diag(other.prior)[proper, None]
+                    through[0, proper] += variance * back[0, proper, h]
+        states = chain.solve(moved.reshape(count, self.size, -1)).reshape(count, self.size, 2, -1)
+        q = np.zeros((count, 6, 2, p))
+        q[..., 1:] = states[:, :6]
+        for g in range(2):
+            here = slice(3 * g, 3 * g + 3)
+            variance = 2.0 * self.data.measured[:, g, None] * self._jitter[g]
+            q[:, here, g, 0] = variance * scores[:, here]
+        q = q.reshape(count, 6, 2 * p)
+        return np.asarray(0.5 * np.einsum("nic,nid->cd", q, self._projected(q)))
+
+    def _projected(self, columns: Array) -> Array:
+        """``P q`` of (N, 6, c)."""
+        weighted = self.weight @ columns
+        right = np.zeros((self.count, self.size, columns.shape[2]))
+        right[:, :6] = weighted
+        solved = self.factor.solve(right)
+        rest = (weighted - self.weight @ solved[:, :6]).reshape(6 * self.count, -1)
+        theta = self.theta_covariance @ (self.columns.reshape(6 * self.count, -1).T @ rest)
+        states = solved[:, :6] - self.state_columns[:, :6] @ theta
+        return np.asarray(self.weight @ (columns - states - self.columns @ theta))
 
     def disturbances(self) -> tuple[Array, Array, Array, Array]:
         """Squared sizes of each pose's jitter and each step's move, as the data tell them.
@@ -250,10 +318,7 @@ class Likelihood:
         columns = white[..., :-1]
         innovation = white[..., -1] - columns @ self.theta
         each = np.einsum("nic,ni->nc", columns, innovation)
-        edges = np.linspace(0, len(each), blocks + 1).astype(int)[:-1]
-        sums = np.add.reduceat(each, edges, axis=0)
-        spread = sums.T @ sums * (blocks / (blocks - 1.0))
-        shown = self.theta_covariance @ spread @ self.theta_covariance
+        shown = self.theta_covariance @ scatter(each, blocks) @ self.theta_covariance
         # Round-off may leave a direction without any scatter just below zero.
         return np.asarray(np.sqrt(np.maximum(np.diag(shown), 0.0) / np.diag(self.theta_covariance)))
 
@@ -280,3 +345,10 @@ class Likelihood:
         spread = noise @ np.linalg.solve(covariance, noise)
         root = np.linalg.cholesky(0.5 * (spread + np.swapaxes(spread, 1, 2)))
         return np.asarray(np.linalg.solve(root, gained))
+
+
+def scatter(scores: Array, blocks: int) -> Array:
+    """The covariance of a sum of scores (N, c), by so many stretches of time; (c, c)."""
+    edges = np.linspace(0, len(scores), blocks + 1).astype(int)[:-1]
+    sums = np.add.reduceat(scores, edges, axis=0)
+    return np.asarray(sums.T @ sums * (blocks / (blocks - 1.0)))

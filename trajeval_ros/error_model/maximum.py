@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize
 
-from trajeval_ros.error_model.likelihood import Data, Likelihood
+from trajeval_ros.error_model.likelihood import Data, Likelihood, scatter
 from trajeval_ros.error_model.process import Kind
 
 Array = npt.NDArray[np.float64]
@@ -27,15 +26,22 @@ JUMP = 15.0
 """A disturbance of so many standard deviations is an event, not a part of drift."""
 
 _USUAL = 3.0
-_ROUNDS = 4
-# Weights that change by less than this share do not change the fit.
-_SETTLED = 0.05
-_ANEW = 3.0
+# Weights whose logarithms change by less than this in sum do not change the fit. They are found
+# anew so often at the most, at first with the whole of each change.
+_SETTLED = 1.0
+_ROUNDS = 10
+_WHOLE = 3
 _LEAST_STD = 1e-7
 _LARGEST_STD = 1e3
-_STEP = 1e-3
+# Noise of this share of the ground truth's standard deviation, or a drift of it in all of the time,
+# is none.
+_NONE = 0.03
+# Steps of a search; none is longer than this in the logarithm of a parameter.
+_STEPS = 25
+_LONGEST = 2.0
+_LITTLE = 1e-6
 # A search ends where another step gains less than this, nats.
-_GAIN = 3e-2
+_GAIN = 1e-2
 # Below this curvature of log L (of log σ), a standard deviation is not told from none.
 _FLAT = 1.0
 
@@ -59,12 +65,22 @@ class Maximum:
 
 
 def _bounds(kind: Kind, data: Data) -> list[tuple[float, float]]:
+    """The least and the largest of each parameter, (2 p, 2)."""
     intervals = np.diff(data.times)
     span = float(data.times[-1] - data.times[0])
     shortest = float(np.median(intervals))
-    std = (np.log(_LEAST_STD), np.log(_LARGEST_STD))
-    time = (np.log(shortest), np.log(max(span, 2.0 * shortest)))
-    return [time if name.endswith("time") else std for name in kind.names] * 2
+    known = np.sqrt(np.median(np.einsum("nii->ni", data.covariance), axis=0).reshape(2, 3).mean(1))
+    found = []
+    for std in known:
+        none = max(_NONE * float(std), _LEAST_STD)
+        least = {"jitter_std": none, "drift_std": none / np.sqrt(span), "wander_std": none}
+        least["velocity_std"] = none / span
+        for name in kind.names:
+            if name.endswith("time"):
+                found.append((np.log(shortest), np.log(max(span, 2.0 * shortest))))
+            else:
+                found.append((np.log(least[name]), np.log(_LARGEST_STD)))
+    return found
 
 
 def rough(kind: Kind, data: Data, time: float = 1.0) -> Array:
@@ -87,49 +103,83 @@ def rough(kind: Kind, data: Data, time: float = 1.0) -> Array:
     return np.array(found)
 
 
-def _climb(kind: Kind, start: Array, data: Data, gauge: Array, rounds: int) -> Likelihood:
-    """The likeliest ψ for given weights."""
-    shape, bounds = start.shape, np.array(_bounds(kind, data))
-    # The logarithm of a standard deviation that three coordinates of N poses tell has a curvature
-    # of about 6 N; so scaled, the search begins with steps of the right length.
-    unit = np.sqrt(6.0 * len(data.times))
-    last: dict[str, Likelihood] = {}
+def maximum(
+    kind: Kind, start: Array, data: Data, gauge: Array, gain: float = _GAIN, rounds: int = _STEPS
+) -> Maximum:
+    """The robust maximum from ``start`` (2, p): Newton steps with the average information.
 
-    def cost(flat: Array) -> tuple[float, Array]:
-        try:
-            here = Likelihood(kind, (flat / unit).reshape(shape), data, gauge)
-        except np.linalg.LinAlgError:
-            return 1e12, np.zeros(flat.size)
-        if not last or here.value > last["best"].value:
-            last["best"] = here
-        return -here.value, -here.gradient().ravel() / unit
-
-    begin = np.clip(start.ravel(), *bounds.T)
-    first, _ = cost(begin * unit)
-    minimize(
-        cost,
-        begin * unit,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=bounds * unit,
-        options={"maxiter": rounds, "ftol": _GAIN / max(abs(first), 1.0), "gtol": 1e-3},
-    )
-    if not last:
-        raise np.linalg.LinAlgError("no likelihood at the start")
-    return last["best"]
+    The weights follow each step. It ends where another gains less than ``gain``, nats, and the
+    weights stay as they are.
+    """
+    low, high = np.array(_bounds(kind, data)).T
+    begin = np.clip(np.maximum(start, _least(kind, data)).ravel(), low, high)
+    here = Likelihood(kind, begin.reshape(start.shape), data, gauge)
+    settled = False
+    for number in range(rounds):
+        if not settled:
+            here, settled = _reweighted(here, 1.0 if number < _WHOLE else 0.5)
+            settled = settled or number == _ROUNDS
+        step, expected = _newton_step(here, low, high)
+        if settled and expected < gain:
+            break
+        better = _along(here, step)
+        if settled and (better is None or better.value - here.value < gain):
+            here = better or here
+            break
+        here = better or here
+    return Maximum(kind, here, here.data, gauge)
 
 
-def _reweighted(found: Likelihood) -> Data:
-    """The data with the weights that their disturbances ask for."""
+def _newton_step(here: Likelihood, low: Array, high: Array) -> tuple[Array, float]:
+    """A step (2p,) between bounds (2p,), and the gain it promises."""
+    flat, slope = here.parameters.ravel(), here.gradient().ravel()
+    free = ((flat > low) | (slope > 0.0)) & ((flat < high) | (slope < 0.0))
+    information = here.average_information()[np.ix_(free, free)]
+    # What the data hardly tell has a little information, so that no step is endless.
+    least = _LITTLE * max(float(np.diag(information).max(initial=0.0)), 1.0)
+    step = np.zeros(flat.size)
+    step[free] = np.linalg.solve(information + least * np.eye(free.sum()), slope[free])
+    step = np.clip(flat + np.clip(step, -_LONGEST, _LONGEST), low, high) - flat
+    return step, 0.5 * float(slope @ step)
+
+
+def _along(here: Likelihood, step: Array) -> Likelihood | None:
+    """The first point on a shrinking ``step`` (2p,) that is better; None where there is none."""
+    for share in (1.0, 0.5, 0.2, 0.05):
+        there = _moved(here, share * step, here.data)
+        if there is not None and there.value > here.value:
+            return there
+    return None
+
+
+def _moved(here: Likelihood, step: Array, data: Data) -> Likelihood | None:
+    """A ``step`` (2p,) on, with the weights of ``data``; None where there is no likelihood."""
+    parameters = here.parameters + step.reshape(here.parameters.shape)
+    try:
+        return Likelihood(here.kind, parameters, data, here.gauge)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _reweighted(found: Likelihood, share: float) -> tuple[Likelihood, bool]:
+    """With the weights that the disturbances ask for; whether those are the ones there are.
+
+    Or so great a ``share`` of the way: neighbours take each other's outliers in turn otherwise.
+    """
     measured, measured_rest, moved, moved_rest = found.disturbances()
     data = found.data
     jitter = np.exp(2.0 * found.parameters[:, 0])
     own = found.own_noise() / data.moved
-    return replace(
+    of_poses = np.log(_inflation(measured, measured_rest, jitter) / data.measured)
+    of_moves = np.log(_inflation(moved, moved_rest, own) / data.moved)
+    if float(np.abs(of_poses).sum() + np.abs(of_moves).sum()) < _SETTLED:
+        return found, True
+    weighted = replace(
         data,
-        measured=_inflation(measured, measured_rest, jitter),
-        moved=_inflation(moved, moved_rest, own),
+        measured=data.measured * np.exp(share * of_poses),
+        moved=data.moved * np.exp(share * of_moves),
     )
+    return Likelihood(found.kind, found.parameters, weighted, found.gauge), False
 
 
 def _inflation(square: Array, rest: Array, own: Array) -> Array:
@@ -137,27 +187,6 @@ def _inflation(square: Array, rest: Array, own: Array) -> Array:
     own = np.maximum(own, 1e-300)
     limit = np.where(square > JUMP**2 * (own + rest), _USUAL, _RARE)
     return np.asarray(np.maximum((square / limit - rest) / own, 1.0))
-
-
-def maximum(
-    kind: Kind, start: Array, data: Data, gauge: Array, rounds: int = 30, weights: int = _ROUNDS
-) -> Maximum:
-    """The robust maximum from ``start`` (2, p): so many ``rounds`` of a search, and of weights."""
-    least = _least(kind, data)
-    found = _climb(kind, np.maximum(start, least), data, gauge, rounds)
-    for _ in range(weights):
-        weighted = _reweighted(found)
-        change = max(
-            float(np.abs(np.log(weighted.measured / data.measured)).max()),
-            float(np.abs(np.log(weighted.moved / data.moved)).max()),
-        )
-        if change < _SETTLED:
-            break
-        data = weighted
-        # What a jump has ruled so far is no place to go on from.
-        begin = start if change > _ANEW else found.parameters
-        found = _climb(kind, np.maximum(begin, least), data, gauge, rounds)
-    return Maximum(kind, found, data, gauge)
 
 
 def _least(kind: Kind, data: Data) -> Array:
@@ -179,27 +208,23 @@ def at(kind: Kind, parameters: Array, data: Data, gauge: Array) -> Maximum:
     return Maximum(kind, Likelihood(kind, parameters, data, gauge), data, gauge)
 
 
-def uncertainty(found: Maximum) -> Array:
-    """The covariance of ψ, (2p, 2p), from the observed information; NaN of those at no optimum.
+def uncertainty(found: Maximum, blocks: int) -> Array:
+    """The covariance of ψ, (2p, 2p); NaN of those at no optimum.
 
-    A standard deviation that runs to zero has no curvature in its logarithm; see `upper_limit`.
+    From the average information, or where it is larger from the scores' scatter over so many
+    ``blocks`` of time (White's estimate). A standard deviation that runs to zero has no curvature
+    in its logarithm; see `upper_limit`.
     """
-    start = found.parameters
-    size, here = start.size, found.likelihood.gradient()
-    information = np.zeros((size, size))
-    for i in range(size):
-        step = np.zeros(size)
-        step[i] = _STEP
-        there = Likelihood(found.kind, start + step.reshape(start.shape), found.data, found.gauge)
-        information[i] = (here - there.gradient()).ravel() / _STEP
-    information = 0.5 * (information + information.T)
+    information = found.likelihood.average_information()
     known = np.diag(information) > _FLAT
-    covariance = np.full((size, size), np.nan)
+    covariance = np.full(information.shape, np.nan)
     if known.any():
-        part = information[np.ix_(known, known)]
-        values, vectors = np.linalg.eigh(part)
+        values, vectors = np.linalg.eigh(information[np.ix_(known, known)])
         inverse = (vectors / np.maximum(values, 1e-3)) @ vectors.T
-        covariance[np.ix_(known, known)] = inverse
+        scores = found.likelihood.scores().reshape(found.likelihood.count, -1)[:, known]
+        shown = inverse @ scatter(scores, blocks) @ inverse
+        ratio = np.sqrt(np.maximum(np.diag(shown) / np.diag(inverse), 1.0))
+        covariance[np.ix_(known, known)] = inverse * ratio * ratio[:, None]
     return covariance
 
 
