@@ -166,6 +166,8 @@ def test_jacobians(xi: Array) -> None:
     left, left_inverse = se3.left_jacobian(xi), se3.left_jacobian_inverse(xi)
     assert left.shape == left_inverse.shape == (*xi.shape[:-1], 6, 6)
     assert (se3.right_jacobian(xi) == se3.left_jacobian(-xi)).all()
+    of_rotation = se3.right_jacobian(xi)[..., 3:, 3:]
+    assert_close(se3.right_jacobian_so3(xi[..., 3:]), of_rotation, 1.0, 4.0)
     assert (se3.right_jacobian_inverse(xi) == se3.left_jacobian_inverse(-xi)).all()
     for x, j, i in zip(elements(xi, 1), elements(left, 2), elements(left_inverse, 2), strict=True):
         expected = twin.left_jacobian(x)
@@ -457,6 +459,7 @@ OF_TANGENT: dict[str, Callable[[Array], Array]] = {
     "exp": se3.exp,
     "left_jacobian": se3.left_jacobian,
     "right_jacobian": se3.right_jacobian,
+    "right_jacobian_so3": lambda xi: se3.right_jacobian_so3(xi[..., 3:]),
     "left_jacobian_inverse": se3.left_jacobian_inverse,
     "right_jacobian_inverse": se3.right_jacobian_inverse,
 }

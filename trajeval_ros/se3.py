@@ -218,6 +218,16 @@ def _quaternion(rotation: Array) -> Array:
     return np.asarray(q / np.copysign(np.sqrt(_squared_norm(q)), q[..., 3])[..., None])
 
 
+def right_jacobian_so3(phi: Array) -> Array:
+    """``J_r(phi)``, for which ``Exp(phi + d) = Exp(phi) Exp(J_r(phi) d)`` to first order in d.
+
+    phi: (..., 3). Returns (..., 3, 3).
+    """
+    _, b, c, *_ = _exponential_coefficients(_squared_norm(phi))
+    w = hat(phi)
+    return np.asarray(_IDENTITY_3 - b * w + c * (w @ w))
+
+
 def log_so3(rotation: Array) -> Array:
     """The rotation vector, of length at most pi: the inverse of `exp_so3`.
 

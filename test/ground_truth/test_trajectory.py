@@ -23,7 +23,7 @@ from twins.ground_truths import (
 from twins.runs import SECOND, START, motion
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.segment import Samples, in_world
+from trajeval_ros.ground_truth.segment import Asked, Samples, answers
 from trajeval_ros.ground_truth.segmentation import Segmentation
 
 
@@ -70,8 +70,8 @@ def test_the_answer_is_the_weighted_one_of_the_segments(times, shape):
                 blended.segment.begin(truth._process(blended.index))
                 blended.segment.advance()
                 (epoch,) = blended.segment.epochs
-                asked = blended.segment.posterior(epoch, stamps[i : i + 1], until[i : i + 1])
-                answered = in_world([asked])
+                here = slice(i, i + 1)
+                answered = answers([Asked(blended.segment, epoch, stamps[here], until[here])])
                 poses.append(answered.poses[0])
                 covariances.append(answered.covariances[0])
                 weights.append(weight)
@@ -122,10 +122,10 @@ def test_there_is_something_to_jump_between():
     for segment in (first.segment, second.segment):
         segment.begin(process)
         segment.advance()
-        asked.append(segment.posterior(segment.epochs[0], stamps, samples.stamps[-1:]))
-    answers = [in_world([answer]) for answer in asked]
-    assert np.abs(answers[0].poses - answers[1].poses).max() > 1e-6
-    first, second = (np.trace(answer.covariances[0]) for answer in answers)
+        asked.append(Asked(segment, segment.epochs[0], stamps, samples.stamps[-1:]))
+    found = [answers([each]) for each in asked]
+    assert np.abs(found[0].poses - found[1].poses).max() > 1e-6
+    first, second = (np.trace(answer.covariances[0]) for answer in found)
     assert abs(first / second - 1.0) > 1e-4
 
 

@@ -18,7 +18,7 @@ the samples up to there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -39,7 +39,9 @@ _COORDINATES = 3
 # Ratio of variances looked for and threshold (nats): of a process that promises too much, and of
 # one that promises too little, which does no harm for a while. A segment's scale follows smaller
 # changes, and an excursion of the motion is not a change of it.
-_TESTS = ((16.0, 15.0), (1.0 / 64.0, 40.0))
+_RATIOS, _THRESHOLDS = np.array([16.0, 1.0 / 64.0]), np.array([15.0, 40.0])
+_CAUTIOUS = 1
+_STEEPNESS, _OFFSETS = 1.0 - 1.0 / _RATIOS, _COORDINATES * np.log(_RATIOS)
 # A regime must predict its samples better than the one before it by so much (nats).
 _LEAST_GAIN = 3.0
 # Where the variance of a prediction is less than so many times the instrument's, that rules it.
@@ -138,8 +140,8 @@ class Watch:
     def restart(self, row: int) -> None:
         """The rows before ``row`` were looked into; more is needed the next time."""
         self._patience *= 2.0
-        self._sums = [0.0 for _ in _TESTS]
-        self._since = [row for _ in _TESTS]
+        self._sums = np.zeros(len(_THRESHOLDS))
+        self._since = np.full(len(_THRESHOLDS), row)
         self._looked = row
 
     @property
@@ -156,26 +158,24 @@ class Watch:
         Return the first row at which a threshold is exceeded and the one since which it was
         approached, and look at all again the next time; or None.
         """
-        found: tuple[int, int] | None = None
-        ahead = []
-        for (ratio, threshold), total, since in zip(_TESTS, self._sums, self._since, strict=True):
-            terms = 0.5 * (squares * (1.0 - 1.0 / ratio) - _COORDINATES * math.log(ratio))
-            if ratio < 1.0:
-                terms *= telling
-            walk = np.cumsum(np.concatenate([[total], terms]))
-            lowest = np.minimum.accumulate(np.minimum(walk, 0.0))
-            sums, zero = walk - lowest, np.flatnonzero(walk <= lowest)
-            exceeded = np.flatnonzero(sums > self._patience * threshold)
-            if len(exceeded) and (found is None or self._looked + exceeded[0] - 1 < found[0]):
-                before = zero[zero < exceeded[0]]
-                begin = self._looked + int(before[-1]) if len(before) else since
-                found = self._looked + int(exceeded[0]) - 1, begin
-            ahead.append((float(sums[-1]), self._looked + int(zero[-1]) if len(zero) else since))
-        if found is None:
-            self._sums = [total for total, _ in ahead]
-            self._since = [since for _, since in ahead]
-            self._looked += len(squares)
-        return found
+        terms = 0.5 * (squares * _STEEPNESS[:, None] - _OFFSETS[:, None])
+        terms[_CAUTIOUS] *= telling
+        walk = np.cumsum(np.concatenate([self._sums[:, None], terms], axis=1), axis=1)
+        lowest = np.minimum.accumulate(np.minimum(walk, 0.0), axis=1)
+        sums, zero = walk - lowest, walk <= lowest
+        exceeded = sums > self._patience * _THRESHOLDS[:, None]
+        if exceeded.any():
+            places = np.where(exceeded.any(axis=1), exceeded.argmax(axis=1), len(squares) + 1)
+            test = int(places.argmin())
+            place = int(places[test])
+            before = np.flatnonzero(zero[test, :place])
+            begin = self._looked + int(before[-1]) if len(before) else int(self._since[test])
+            return self._looked + place - 1, begin
+        newest = self._looked + len(squares) - zero[:, ::-1].argmax(axis=1)
+        self._sums = sums[:, -1]
+        self._since = np.where(zero.any(axis=1), newest, self._since)
+        self._looked += len(squares)
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +183,8 @@ class Epoch:
     """A stretch of a segment with one process.
 
     It answers queries that know at least ``first`` samples. The regimes of translation and rotation
-    were chosen for the samples from the rows ``since`` on.
+    were chosen for the samples from the rows ``since`` on; ``before`` (G,): ``Σ q`` of the samples
+    before these.
     """
 
     first: int
@@ -192,20 +193,20 @@ class Epoch:
     process: Process
     regression: Regression
     noise: Array
+    before: Array
 
-    def scale(self, counts: Counts) -> Array:
-        """``s²`` of translation and rotation, given the first ``counts`` (q,) samples; (q, 2)."""
-        squares = self.regression.squares(counts) - self._base
-        squares = squares.reshape(len(counts), 2, -1).sum(axis=-1)
-        since = np.array(self.since) - 1
-        return scale(squares, counts[:, None] - since, _COORDINATES, self.process.least_scales)
 
-    @property
-    def _base(self) -> Array:
-        """``Σ q`` before ``since``; (G,)."""
-        size = len(self.noise) // 2
-        rows = np.repeat(self.since, size)
-        return self.regression.squares(rows)[np.arange(2 * size), np.arange(2 * size)]
+def epoch_scales(epochs: Sequence[Epoch], counts: Sequence[Counts], squares: Array) -> Array:
+    """``s²`` of translation and rotation, (q, 2), of each epoch given its first counts of samples.
+
+    ``squares`` (q, G): `Regression.squares` of all.
+    """
+    sizes = [len(each) for each in counts]
+    since = np.repeat([epoch.since for epoch in epochs], sizes, axis=0)
+    least = np.repeat([epoch.process.least_scales for epoch in epochs], sizes, axis=0)
+    before = np.repeat([epoch.before for epoch in epochs], sizes, axis=0)
+    own = (squares - before).reshape(len(squares), 2, -1).sum(axis=-1)
+    return scale(own, np.concatenate(counts)[:, None] - since + 1, _COORDINATES, least)
 
 
 class Adaptation:
@@ -277,8 +278,10 @@ class Adaptation:
         groups = tuple(group for group in process.groups for _ in range(size))
         regression = Regression(process.kernels, groups, width)
         noise = np.array([group.noise_std**2 for group in groups])
-        self.epochs.append(Epoch(first, since, regimes, process, regression, noise))
-        self._condition(values)
+        regression.extend(values.times, values.values, values.variances + noise)
+        rows = np.repeat(since, size)
+        before = regression.squares(rows)[np.arange(2 * size), np.arange(2 * size)]
+        self.epochs.append(Epoch(first, since, regimes, process, regression, noise, before))
 
     def _condition(self, values: Values) -> None:
         """Condition the newest epoch on all samples; the others know what they need."""

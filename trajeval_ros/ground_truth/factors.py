@@ -23,12 +23,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from trajeval_ros.ground_truth.kernel_sum import Cross, KernelSum
+from trajeval_ros.ground_truth.kernel_sum import KernelSum, MarkovSum
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
@@ -39,6 +40,8 @@ Counts = npt.NDArray[np.intp]
 # alone: rows in blocks, queries in panels.
 _BLOCK = 32
 _PANEL = 8
+# So many panels at a time stay in the processor's cache.
+_PANELS = 8
 _ROWS, _COLUMNS = np.tril_indices(_BLOCK)
 _LOWER = _ROWS * _BLOCK + _COLUMNS
 
@@ -56,16 +59,25 @@ def _in_panels(count: int) -> int:
 class Factor(ABC):
     """Of G groups, with ``[g z] = L⁻¹ [1 x]`` of c coordinates each."""
 
-    def __init__(self, kernel: KernelSum, coordinates: int) -> None:
+    def __init__(self, kernel: KernelSum, groups: int, coordinates: int) -> None:
         """Start without samples."""
         self._kernel = kernel
-        self._groups = len(kernel.variance)
+        self._groups = groups
+        self._columns = 1 + coordinates
         self.count = 0
         """Number of samples."""
         self.times = np.empty(0)
         """Of the samples, in seconds, and zeros after them."""
-        self.white = np.empty((self._groups, 0, 1 + coordinates))
-        """``[g z]``, zeros after the samples; (G, rows, 1 + c)."""
+
+    @property
+    @abstractmethod
+    def white(self) -> Array:
+        """``[g z]``; (G, rows, 1 + c), rows beyond the samples meaning nothing."""
+
+    @property
+    @abstractmethod
+    def pivots(self) -> Array:
+        """The diagonal of L; (G, rows), rows beyond the samples meaning nothing."""
 
     def extend(self, times: Array, values: Array, noise: Array) -> int:
         """Take all samples so far, those known already first; return the first row that changed.
@@ -76,18 +88,17 @@ class Factor(ABC):
         more = rounded_up(total) - len(self.times)
         if more > 0:
             self.times = np.concatenate([self.times, np.zeros(more)])
-            self.white = _longer(self.white, more)
             self._reserve(more)
         self.times[first:total] = times[first:]
         known, self.count = self.count, total
         begins = np.arange(first, total, _BLOCK)
         blocks = self._covariances(begins, noise)
-        ones_and_values = np.zeros((self._groups, len(begins) * _BLOCK, self.white.shape[2]))
-        ones_and_values[:, : total - first, 0] = 1.0
-        ones_and_values[:, : total - first, 1:] = np.swapaxes(values[first:], 0, 1)
-        right = ones_and_values.reshape(self._groups, len(begins), _BLOCK, -1)
+        right = np.zeros((self._groups, len(begins) * _BLOCK, self._columns))
+        right[:, : total - first, 0] = 1.0
+        right[:, : total - first, 1:] = np.swapaxes(values[first:], 0, 1)
+        by_block = right.reshape(self._groups, len(begins), _BLOCK, self._columns)
         try:
-            self._add(first // _BLOCK, blocks, right)
+            self._add(first // _BLOCK, blocks, by_block)
         except np.linalg.LinAlgError:
             self.count = known
             message = "the covariance of the samples is not positive definite"
@@ -105,16 +116,10 @@ class Factor(ABC):
         packed[:, :sampled] = self._kernel(apart[:, :sampled])[:, 0]
         flat = np.zeros((self._groups, len(begins), _BLOCK * _BLOCK))
         flat[..., _LOWER] = packed.reshape(self._groups, len(begins), -1)
-        blocks = flat.reshape(self._groups, len(begins), _BLOCK, _BLOCK)
         diagonal = np.ones((self._groups, times.size))
-        diagonal[:, : self.count - first] = self._kernel.variance[:, None] + noise[first:].T
-        np.einsum("gbii->gbi", blocks)[...] = diagonal.reshape(blocks.shape[:3])
-        return blocks
-
-    @property
-    @abstractmethod
-    def pivots(self) -> Array:
-        """The diagonal of L; (G, rows), rows beyond the samples meaning nothing."""
+        diagonal[:, : self.count - first] = self._kernel.variances[0] + noise[first:].T
+        flat[..., :: _BLOCK + 1] = diagonal.reshape(self._groups, len(begins), _BLOCK)
+        return flat.reshape(self._groups, len(begins), _BLOCK, _BLOCK)
 
     @abstractmethod
     def _reserve(self, more: int) -> None:
@@ -125,34 +130,54 @@ class Factor(ABC):
         """Write the blocks from number ``first`` on; ``right`` (G, b, 32, 1 + c) is ``[1 x]``."""
 
     @abstractmethod
-    def products(self, times: Array, counts: Counts, asked: Sequence[Cross]) -> tuple[Array, Array]:
-        """Return ``vᵀ [g z]`` (G, k, q, 1 + c) and ``vᵀ v`` (G, k, q) of queries.
-
-        ``times`` (q,); of each the first ``counts`` (q,) >= 1 samples. ``asked``: what is to be
-        known there, by its covariance with the samples; k.
-        """
-
-    @abstractmethod
     def whitened(self, times: Array, counts: Counts) -> Array:
-        """Return v of queries, zero from row ``counts`` on; (G, q, rows)."""
+        """Return v of queries, zero from row ``counts`` on; (G, q, rows).
+
+        ``times`` (q,); of each the first ``counts`` (q,) >= 1 samples.
+        """
 
     @abstractmethod
     def weights(self, right: Array, counts: Counts) -> Array:
         """Return ``L⁻ᵀ right``, ``right`` (G, q, rows) being zero from row ``counts`` (q,) on."""
 
 
+def products(asked: Sequence[tuple[Factor, Array, Counts]], kinds: int) -> tuple[Array, Array]:
+    """Return ``vᵀ [g z]`` (k, G, q, 1 + c) and ``vᵀ v`` (k, G, q) of all queries, in their order.
+
+    ``asked``: factors with the same kernels and number of groups, and of each at what times (q,),
+    with the first so many samples, one at least. Of k that are asked for (`KernelSum`).
+    """
+    markov = [(f, times, counts) for f, times, counts in asked if isinstance(f, MarkovFactor)]
+    if markov:
+        return _markov_products(markov, kinds)
+    each = [
+        factor.products(times, counts, kinds)
+        for factor, times, counts in asked
+        if isinstance(factor, DenseFactor)
+    ]
+    found, explained = zip(*each, strict=True)
+    return np.concatenate(found, axis=2), np.concatenate(explained, axis=2)
+
+
 class MarkovFactor(Factor):
     """With Markov kernels: its size and the time it takes grow with the samples."""
 
-    def __init__(self, kernel: KernelSum, coordinates: int) -> None:
+    _kernel: MarkovSum
+
+    def __init__(self, kernel: MarkovSum, groups: int, coordinates: int) -> None:
         """Start without samples."""
-        super().__init__(kernel, coordinates)
-        groups, rank = self._groups, kernel.rank
+        super().__init__(kernel, groups, coordinates)
+        rank = kernel.rank
         self._lower = np.empty((groups, 0, _BLOCK, _BLOCK))  # L_b
-        self._future = np.empty((groups, 0, _BLOCK, rank))  # F
-        self._past = np.empty((groups, 0, _BLOCK, rank))  # W_b
-        self._step = np.empty((groups, 0, rank, rank))  # Φ
-        self._sums = np.empty((groups, 0, rank, 1 + coordinates + rank))  # [N M] at its end
+        self._ahead = np.empty((groups, 0, _BLOCK + rank, rank))  # F and, below it, Φᵀ
+        self._solved = np.empty((groups, 0, _BLOCK, self._columns + rank))  # [g z]_b and W_b
+        self._sums = np.empty((groups, 0, rank, self._columns + rank))  # [N M] at the end
+
+    @property
+    def white(self) -> Array:
+        """Block after block."""
+        whole = self._solved.reshape(self._groups, -1, self._solved.shape[3])
+        return whole[..., : self._columns]
 
     @property
     def pivots(self) -> Array:
@@ -160,128 +185,76 @@ class MarkovFactor(Factor):
         return np.asarray(np.einsum("gbii->gbi", self._lower).reshape(self._groups, -1))
 
     def _reserve(self, more: int) -> None:
-        self._lower = _longer(self._lower, more // _BLOCK)
+        self._lower, self._ahead, self._solved, self._sums = (
+            np.concatenate(
+                [known, np.zeros((len(known), more // _BLOCK, *known.shape[2:]))], axis=1
+            )
+            for known in (self._lower, self._ahead, self._solved, self._sums)
+        )
 
     def _add(self, first: int, blocks: Array, right: Array) -> None:
-        until, columns = first + blocks.shape[1], right.shape[3]
-        past = np.zeros((*blocks.shape[:3], self._kernel.rank))
-        # The first block has no past, and while it is not whole, is none.
+        until, columns = first + blocks.shape[1], self._columns
+        past = np.zeros((*right.shape[:3], self._kernel.rank))
+        # The first block has none before it, and while it is not whole, is none.
         if self.count >= _BLOCK:
             past = self._transitions(first, until)
         right = np.concatenate([right, past], axis=3)
-        for b, block, unseen in zip(
-            range(first, until), np.swapaxes(blocks, 0, 1), np.swapaxes(right, 0, 1), strict=True
-        ):
+        for b in range(first, until):
+            block, rest = blocks[:, b - first], right[:, b - first]
             if b:
-                future, sums = self._future[:, b], self._sums[:, b - 1]
-                seen = sums[..., columns:]
-                block = block - future @ seen @ np.swapaxes(future, 1, 2)
-                ahead = np.concatenate([sums[..., :columns], seen @ self._step[:, b]], axis=2)
-                unseen = unseen - future @ ahead
+                ahead = self._ahead[:, b]
+                seen = ahead @ self._sums[:, b - 1]
+                known = seen[..., columns:] @ np.swapaxes(ahead, 1, 2)
+                block = block - known[:, :_BLOCK, :_BLOCK]
+                rest[..., :columns] -= seen[:, :_BLOCK, :columns]
+                rest[..., columns:] -= known[:, :_BLOCK, _BLOCK:]
             self._lower[:, b] = np.linalg.cholesky(block)
-            solved = _solved(self._lower[:, b], unseen)
-            here = slice(b * _BLOCK, (b + 1) * _BLOCK)
-            self.white[:, here] = solved[..., :columns]
-            if here.stop > self.count:
-                continue
-            self._past[:, b] = solved[..., columns:]
-            self._sums[:, b] = np.swapaxes(self._past[:, b], 1, 2) @ solved
+            self._solved[:, b] = solved = _solved(self._lower[:, b], rest)
+            sums = np.swapaxes(solved[..., columns:], 1, 2) @ solved
             if b:
-                self._sums[:, b] += np.swapaxes(self._step[:, b], 1, 2) @ ahead
+                sums[..., :columns] += seen[:, _BLOCK:, :columns]
+                sums[..., columns:] += known[:, _BLOCK:, _BLOCK:]
+            self._sums[:, b] = sums
 
     def _transitions(self, first: int, until: int) -> Array:
         """Write F and Φ of some blocks; return ``P_b`` (G, b, 32, r)."""
-        more = self._lower.shape[1] - self._step.shape[1]
-        if more:
-            self._future, self._past, self._step, self._sums = (
-                _longer(known, more) for known in (self._future, self._past, self._step, self._sums)
-            )
         times = self.times[first * _BLOCK : until * _BLOCK].reshape(-1, _BLOCK)
         ends = times[:, -1:]
-        begins = np.concatenate([self.times[max(first * _BLOCK - 1, 0), None], ends[:-1, 0]])
+        begins = np.concatenate([self.times[max(first * _BLOCK - 1, 0), None], ends[:-1, 0]])[
+            :, None
+        ]
         # Rows without a sample have no time.
-        future = self._kernel.future(np.maximum(times - begins[:, None], 0.0))
+        apart = np.maximum(
+            np.concatenate([times - begins, ends - times, ends - begins], axis=1), 0.0
+        )
+        powers = self._kernel.powers(apart)
+        future = self._kernel.future(powers[:, :, :_BLOCK])[0]
         future[:, -1, self.count - (until - 1) * _BLOCK :] = 0.0
-        self._future[:, first:until] = future
-        step = self._kernel.transition(np.maximum(ends - begins[:, None], 0.0))
-        self._step[:, first:until] = step[:, :, 0]
-        return self._kernel.past(np.maximum(ends - times, 0.0))
+        step = self._kernel.transition(powers[:, :, 2 * _BLOCK :])
+        self._ahead[:, first:until, :_BLOCK] = future
+        self._ahead[:, first:until, _BLOCK:] = np.swapaxes(step, 2, 3)
+        self._ahead[:, 0] = 0.0
+        return self._kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])
 
-    def products(self, times: Array, counts: Counts, asked: Sequence[Cross]) -> tuple[Array, Array]:
-        """Of the blocks that end before a query, by their sums."""
-        last = (counts - 1) // _BLOCK
+    def first_blocks(self, times: Array, counts: Counts) -> Counts:
+        """The block that each query must begin with: those before it end before it; (q,)."""
         ends = self.times[_BLOCK - 1 : self.count : _BLOCK]
-        first = np.minimum(np.searchsorted(ends, times, side="right"), last)
-        columns, kinds = self.white.shape[2], len(asked)
-        found = np.zeros((self._groups, kinds, len(times), columns))
-        explained = np.zeros((self._groups, kinds, len(times)))
-        state = np.zeros((self._groups, kinds, len(times), self._kernel.rank))
-        late = np.flatnonzero(first)
-        if len(late):
-            apart = (times[late] - ends[first[late] - 1])[:, None]
-            future = np.stack([cross.future(apart) for cross in asked], axis=1)
-            seen = (future @ self._sums[:, None, first[late] - 1])[..., 0, :]
-            found[:, :, late], state[:, :, late] = seen[..., :columns], seen[..., columns:]
-            explained[:, :, late] = (future[..., 0, :] * seen[..., columns:]).sum(axis=-1)
-        for b, looking, white in self._forward(times, counts, first, state, asked):
-            rows = kinds * len(looking)
-            known = _by_panels(white, self.white[:, b * _BLOCK : (b + 1) * _BLOCK])[:, :rows]
-            found[:, :, looking] += known.reshape(self._groups, kinds, -1, columns)
-            squares = np.einsum("gqi,gqi->gq", white, white)[:, :rows]
-            explained[:, :, looking] += squares.reshape(self._groups, kinds, -1)
-        return found, explained
+        return np.minimum(np.searchsorted(ends, times, side="right"), (counts - 1) // _BLOCK)
 
     def whitened(self, times: Array, counts: Counts) -> Array:
         """From the first block on."""
-        state = np.zeros((self._groups, 1, len(times), self._kernel.rank))
         found = np.zeros((self._groups, len(times), rounded_up(int(counts.max(initial=0)))))
-        for b, looking, white in self._forward(
-            times, counts, np.zeros_like(counts), state, [self._kernel]
-        ):
-            found[:, looking, b * _BLOCK : (b + 1) * _BLOCK] = white[:, : len(looking)]
-        return found
-
-    def _forward(
-        self, times: Array, counts: Counts, first: Counts, state: Array, asked: Sequence[Cross]
-    ) -> Iterator[tuple[int, Counts, Array]]:
-        """Yield each block's number, the queries that look at it, and their ``v_b``.
-
-        v_b (G, panels, 32): of the first of what is ``asked`` (k) of all queries, of the second,
-        and so on. ``first`` (q,): the block each query begins with; ``state`` (G, k, q, r) S there,
-        overwritten.
-        """
         if not len(times):
-            return
-        last = (counts - 1) // _BLOCK
-        numbers = range(int(first.min()), int(last.max()) + 1)
-        looks = [np.flatnonzero((first <= b) & (last >= b)) for b in numbers]
-        query = np.concatenate(looks)
-        place = np.repeat(numbers, [len(asked) for asked in looks])
-        apart = times[query, None] - self.times.reshape(-1, _BLOCK)[place]
-        covariances = np.stack([cross.cross(apart) for cross in asked], axis=1)
-        kinds, end = len(asked), 0
-        for b, looking in zip(numbers, looks, strict=True):
-            if not len(looking):
-                continue
-            begin, end = end, end + len(looking)
-            rows = kinds * len(looking)
-            white = np.zeros((self._groups, _in_panels(rows), _BLOCK))
-            white[:, :rows] = covariances[:, :, begin:end].reshape(self._groups, rows, _BLOCK)
-            if b:
-                seen = np.zeros((self._groups, white.shape[1], self._kernel.rank))
-                seen[:, :rows] = state[:, :, looking].reshape(self._groups, rows, -1)
-                white -= _by_panels(seen, np.swapaxes(self._future[:, b], 1, 2))
-            _solve_rows(self._lower[:, b], white)
-            known = np.arange(_BLOCK) < counts[looking, None] - b * _BLOCK
-            white[:, :rows] *= np.tile(known, (kinds, 1))
-            yield b, looking, white
-            if b < numbers[-1]:
-                onwards = _by_panels(white, self._past[:, b])
-                if b:
-                    onwards += _by_panels(seen, self._step[:, b])
-                state[:, :, looking] = onwards[:, :rows].reshape(
-                    self._groups, kinds, len(looking), -1
-                )
+            return found
+        panels = _Panels.of([(self, times, counts)], np.zeros_like(counts))
+        size = len(panels.block)
+        state = np.zeros((1, self._groups, size, _PANEL, self._kernel.rank))
+        for b, (here, white, _) in enumerate(_walk(panels, state)):
+            panel = np.zeros((self._groups, size, _PANEL, _BLOCK))
+            panel[:, here] = white[0]
+            rows = panel.reshape(self._groups, -1, _BLOCK)[:, panels.slots]
+            found[:, :, b * _BLOCK : (b + 1) * _BLOCK] = rows
+        return found
 
     def weights(self, right: Array, counts: Counts) -> Array:
         """From the last block on."""
@@ -292,24 +265,162 @@ class MarkovFactor(Factor):
             here = slice(b * _BLOCK, (b + 1) * _BLOCK)
             block = np.zeros((self._groups, _in_panels(count), _BLOCK))
             block[:, :count] = right[..., here]
-            if here.stop < right.shape[2]:
-                block -= _by_panels(state, np.swapaxes(self._past[:, b], 1, 2))
+            past = self._solved[:, b, :, self._columns :]
+            block -= _by_panels(state, np.swapaxes(past, 1, 2))
             _solve_rows(self._lower[:, b], block, transposed=True)
             solution[..., here] = block
-            if b:
-                state = _by_panels(block, self._future[:, b]) + _by_panels(
-                    state, np.swapaxes(self._step[:, b], 1, 2)
-                )
+            state = _by_panels(np.concatenate([block, state], axis=2), self._ahead[:, b])
         return solution[:, :count]
+
+
+@dataclass(frozen=True, slots=True)
+class _Panels:
+    """Queries in panels of those that begin with the same block.
+
+    ``factors`` of P panels and the numbers of the blocks (P,); ``times`` (P, 8) and ``counts``
+    (P, 8) of samples from that block on, zeros where there is no query; ``slots`` (q,): each
+    query's place.
+    """
+
+    factors: list[MarkovFactor]
+    block: Counts
+    times: Array
+    counts: Counts
+    slots: Counts
+
+    @staticmethod
+    def of(asked: Sequence[tuple[MarkovFactor, Array, Counts]], first: Counts) -> _Panels:
+        """Panels of all queries; ``first`` (q,): the block that each begins with."""
+        owner = np.repeat(np.arange(len(asked)), [len(times) for _, times, _ in asked])
+        most = int(first.max(initial=0)) + 1
+        key = owner * most + first
+        order = np.argsort(key, kind="stable")
+        key = key[order]
+        begins = np.flatnonzero(np.diff(key, prepend=-1))
+        sizes = np.diff(begins, append=len(key))
+        panels = -(-sizes // _PANEL)
+        offsets = np.cumsum(panels) - panels
+        slots = np.empty(len(key), dtype=np.intp)
+        slots[order] = np.repeat(_PANEL * offsets - begins, sizes) + np.arange(len(key))
+        times = np.zeros(_PANEL * int(panels.sum()))
+        counts = np.zeros(len(times), dtype=np.intp)
+        times[slots] = np.concatenate([each for _, each, _ in asked])
+        counts[slots] = np.concatenate([each for _, _, each in asked]) - _BLOCK * first
+        of = np.repeat(key[begins], panels)
+        factors = [asked[number][0] for number in (of // most).tolist()]
+        shape = (-1, _PANEL)
+        return _Panels(factors, of % most, times.reshape(shape), counts.reshape(shape), slots)
+
+    def __getitem__(self, index: slice) -> _Panels:
+        """Some of them."""
+        return _Panels(
+            self.factors[index],
+            self.block[index],
+            self.times[index],
+            self.counts[index],
+            self.slots,
+        )
+
+    def where(self, chosen: Counts, further: int = 0) -> list[tuple[MarkovFactor, int]]:
+        """The factors and the blocks, so many ``further`` ones, of the panels ``chosen``."""
+        return [(self.factors[i], int(self.block[i]) + further) for i in chosen.tolist()]
+
+
+def _kernel(blocks: list[tuple[MarkovFactor, int]]) -> MarkovSum:
+    """The factors' kernels side by side."""
+    first = blocks[0][0]
+    if all(factor is first for factor, _ in blocks):
+        return first._kernel
+    return MarkovSum.beside([factor._kernel for factor, _ in blocks])
+
+
+def _markov_products(
+    asked: Sequence[tuple[MarkovFactor, Array, Counts]], kinds: int
+) -> tuple[Array, Array]:
+    first = [factor.first_blocks(times, counts) for factor, times, counts in asked]
+    panels = _Panels.of(asked, np.concatenate(first))
+    if not len(panels.block):
+        factor, _, _ = asked[0]
+        shape = (kinds, factor._groups, 0)
+        return np.empty((*shape, factor._columns)), np.empty(shape)
+    parts = [
+        _of_panels(panels[begin : begin + _PANELS], kinds)
+        for begin in range(0, len(panels.block), _PANELS)
+    ]
+    found, explained = (np.concatenate(each, axis=2) for each in zip(*parts, strict=True))
+    flat = (kinds, found.shape[1], -1)
+    found, explained = found.reshape(*flat, found.shape[4]), explained.reshape(flat)
+    return found[:, :, panels.slots], explained[:, :, panels.slots]
+
+
+def _of_panels(panels: _Panels, kinds: int) -> tuple[Array, Array]:
+    """The `products` of queries, (k, G, P, 8, 1 + c) and (k, G, P, 8).
+
+    Of the blocks that end before a query, by their sums.
+    """
+    factor = panels.factors[0]
+    shape, columns = (kinds, factor._groups, len(panels.block), _PANEL), factor._columns
+    found, explained = np.zeros((*shape, columns)), np.zeros(shape)
+    state = np.zeros((*shape, factor._kernel.rank))
+    late = np.flatnonzero(panels.block)
+    if len(late):
+        blocks = panels.where(late, -1)
+        ends = np.array([each.times[_BLOCK * (b + 1) - 1] for each, b in blocks])
+        kernel = _kernel(blocks)
+        apart = np.maximum(panels.times[late] - ends[:, None], 0.0)
+        future = kernel.future(kernel.powers(apart), kinds)
+        seen = future @ np.stack([each._sums[:, b] for each, b in blocks], axis=1)
+        found[:, :, late], state[:, :, late] = seen[..., :columns], seen[..., columns:]
+        explained[:, :, late] = (future * seen[..., columns:]).sum(axis=-1)
+    for here, white, gain in _walk(panels, state):
+        found[:, :, here] += gain
+        explained[:, :, here] += np.einsum("kgpqi,kgpqi->kgpq", white, white)
+    return found, explained
+
+
+def _walk(panels: _Panels, state: Array) -> Iterator[tuple[Counts, Array, Array]]:
+    """Yield, block after block, the panels that look at it, their ``v_b`` and ``v_bᵀ [g z]_b``.
+
+    (k, G, P, 8, 32) and (k, G, P, 8, 1 + c). ``state`` (k, G, P, 8, r): S before the first block,
+    overwritten.
+    """
+    here, further = np.arange(len(panels.block)), 0
+    while True:
+        here = here[(panels.counts[here] > _BLOCK * further).any(axis=1)]
+        if not len(here):
+            return
+        blocks = panels.where(here, further)
+        ahead = np.stack([f._ahead[:, b] for f, b in blocks], axis=1)
+        solved = np.stack([f._solved[:, b] for f, b in blocks], axis=1)
+        times = np.stack([f.times[b * _BLOCK : (b + 1) * _BLOCK] for f, b in blocks])
+        apart = panels.times[here][:, :, None] - times[:, None]
+        known = state[:, :, here] @ np.swapaxes(ahead, 2, 3)
+        white = _kernel(blocks).cross(apart.reshape(len(here), -1), len(state))
+        white = white.reshape(*known.shape[:4], _BLOCK) - known[..., :_BLOCK]
+        for p, (factor, b) in enumerate(blocks):
+            for rows in white[:, :, p]:
+                _solve_rows(factor._lower[:, b], rows)
+        white *= np.arange(_BLOCK) < panels.counts[here][:, :, None] - _BLOCK * further
+        gain = white @ solved
+        columns = gain.shape[-1] - state.shape[-1]
+        state[:, :, here] = gain[..., columns:] + known[..., _BLOCK:]
+        yield here, white, gain[..., :columns]
+        further += 1
 
 
 class DenseFactor(Factor):
     """With any kernel."""
 
-    def __init__(self, kernel: KernelSum, coordinates: int) -> None:
+    def __init__(self, kernel: KernelSum, groups: int, coordinates: int) -> None:
         """Start without samples."""
-        super().__init__(kernel, coordinates)
-        self._lower = np.empty((self._groups, 0, 0))
+        super().__init__(kernel, groups, coordinates)
+        self._lower = np.empty((groups, 0, 0))
+        self._white = np.empty((groups, 0, self._columns))
+
+    @property
+    def white(self) -> Array:
+        """Of the one matrix."""
+        return self._white
 
     @property
     def pivots(self) -> Array:
@@ -322,6 +433,8 @@ class DenseFactor(Factor):
         lower[:, :old, :old] = self._lower
         np.einsum("gii->gi", lower)[:, old:] = 1.0
         self._lower = lower
+        added = np.zeros((self._groups, more, self._columns))
+        self._white = np.concatenate([self._white, added], axis=1)
 
     def _add(self, first: int, blocks: Array, right: Array) -> None:
         for b, block, unseen in zip(
@@ -340,36 +453,38 @@ class DenseFactor(Factor):
                 _solve_rows(self._lower, cross)
                 self._lower[:, here, :start] = cross
                 block = block - cross @ np.swapaxes(cross, 1, 2)
-                unseen = unseen - cross @ self.white[:, :start]
+                unseen = unseen - cross @ self._white[:, :start]
             self._lower[:, here, here] = np.linalg.cholesky(block)
-            self.white[:, here] = _solved(self._lower[:, here, here], unseen)
+            self._white[:, here] = _solved(self._lower[:, here, here], unseen)
 
-    def products(self, times: Array, counts: Counts, asked: Sequence[Cross]) -> tuple[Array, Array]:
-        """By all of v."""
-        each = [self._products(times, counts, cross) for cross in asked]
+    def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
+        """What the function `products` returns of all, by all of v."""
+        each = [self._products(white) for white in self._whitened(times, counts, kinds)]
         found, explained = zip(*each, strict=True)
-        return np.stack(found, axis=1), np.stack(explained, axis=1)
+        return np.stack(found), np.stack(explained)
 
-    def _products(self, times: Array, counts: Counts, cross: Cross) -> tuple[Array, Array]:
-        white = np.swapaxes(self._whitened(times, counts, cross), 1, 2)
-        columns = np.swapaxes(self.white[:, : white.shape[1]], 1, 2)
-        panels = np.zeros((*white.shape[:2], _in_panels(len(times))))
-        panels[..., : len(times)] = white
-        found = _row_sums(panels[:, None] * columns[..., None])[..., : len(times)]
-        return np.swapaxes(found, 1, 2), _row_sums(panels * panels)[:, : len(times)]
+    def _products(self, white: Array) -> tuple[Array, Array]:
+        white = np.swapaxes(white, 1, 2)
+        columns = np.swapaxes(self._white[:, : white.shape[1]], 1, 2)
+        panels = np.zeros((*white.shape[:2], _in_panels(white.shape[2])))
+        panels[..., : white.shape[2]] = white
+        found = _row_sums(panels[:, None] * columns[..., None])[..., : white.shape[2]]
+        return np.swapaxes(found, 1, 2), _row_sums(panels * panels)[:, : white.shape[2]]
 
     def whitened(self, times: Array, counts: Counts) -> Array:
         """By sizes."""
-        return self._whitened(times, counts, self._kernel)
+        return np.asarray(self._whitened(times, counts, 1)[0])
 
-    def _whitened(self, times: Array, counts: Counts, cross: Cross) -> Array:
+    def _whitened(self, times: Array, counts: Counts, kinds: int) -> Array:
         rows = rounded_up(int(counts.max(initial=0)))
-        white = np.zeros((self._groups, len(times), rows))
+        white = np.zeros((kinds, self._groups, len(times), rows))
         for size, chosen in _by_size(counts):
-            panel = np.zeros((self._groups, _in_panels(len(chosen)), size))
-            panel[:, : len(chosen)] = cross.cross(times[chosen, None] - self.times[:size])
-            _solve_rows(self._lower, panel)
-            white[:, chosen, :size] = panel[:, : len(chosen)]
+            crosses = self._kernel.cross(times[chosen, None] - self.times[:size], kinds)
+            for target, cross in zip(white, crosses, strict=True):
+                panel = np.zeros((self._groups, _in_panels(len(chosen)), size))
+                panel[:, : len(chosen)] = cross
+                _solve_rows(self._lower, panel)
+                target[:, chosen, :size] = panel[:, : len(chosen)]
         white *= np.arange(rows) < counts[:, None]
         return white
 
@@ -395,11 +510,6 @@ def _by_size(counts: Counts) -> Iterator[tuple[int, Counts]]:
         if len(chosen):
             yield size, chosen
         size *= 2
-
-
-def _longer(known: Array, more: int) -> Array:
-    """Append so many zeros along the second axis."""
-    return np.concatenate([known, np.zeros((len(known), more, *known.shape[2:]))], axis=1)
 
 
 def _by_panels(rows: Array, matrices: Array) -> Array:

@@ -6,14 +6,18 @@ A sum of Matérn kernels is Markov: with the transition matrix Φ of all of them
 
     k(s, t) = past(m - s) · future(t - m),    s <= m <= t,    past(v + w) = past(v) Φ(w),
 
-for rows ``past`` and ``future`` of as many numbers as Φ has rows. They are sums of products of
-positive numbers, so they are as accurate as k itself.
+for rows ``past`` and ``future`` of as many numbers as Φ has rows. Of a kernel with ``a = r u / l``
+the ``past`` are the ``aⁱ exp(-a)``, and the entries of ``future`` and Φ sums of multiples of these,
+all positive: they are as accurate as k itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -22,139 +26,203 @@ from trajeval_ros.ground_truth.hyperparameters import GroupHyperparameters
 from trajeval_ros.ground_truth.kernels import Kernel, Matern
 
 Array = npt.NDArray[np.float64]
-_AnyKernel = TypeVar("_AnyKernel", bound=Kernel)
-
-
-class Cross(Protocol):
-    """The covariance of something asked with the samples."""
-
-    @property
-    def one(self) -> float:
-        """What it is of a constant: the unknown mean's part in it."""
-        ...
-
-    def cross(self, apart: Array) -> Array:
-        """Of queries ``apart`` (a, b) seconds later than the samples; (G, a, b)."""
-        ...
-
-    def future(self, apart: Array) -> Array:
-        """``future`` of queries ``apart`` (a, b) seconds, not negative, after; (G, a, b, r)."""
-        ...
 
 
 class KernelSum:
-    """``k(u) = Σ_k σ_k² ρ_k(u / l_k)`` of G groups, which share the kernels."""
+    """``k(u) = Σ_k σ_k² ρ_k(u / l_k)`` of G groups, which share the kernels, and of S stretches.
 
-    one = 1.0
-
-    def __init__(
-        self, kernels: tuple[Kernel, ...], groups: tuple[GroupHyperparameters, ...]
-    ) -> None:
-        """Take the kernels that the groups have components for."""
-        components = [group.components for group in groups]
-        self._kernels = kernels[: len(components[0])]
-        variances = np.array([[c.std**2 for c in parts] for parts in components]).T
-        lengths = np.array([[c.length_scale for c in parts] for parts in components]).T
-        self._variances, self._lengths = variances[..., None, None], lengths[..., None, None]
-        self.variance: Array = variances.sum(axis=0)
-        """``k(0)`` of each group; (G,)."""
-        matern = [kernel for kernel in self._kernels if isinstance(kernel, Matern)]
-        self.is_markov = len(matern) == len(self._kernels)
-        """Whether ``past``, ``future`` and ``transition`` are defined."""
-        self._matern = matern if self.is_markov else []
-        self.rank = sum(len(kernel.coefficients) for kernel in self._matern)
-        """Number of rows of Φ."""
-
-    def __call__(self, apart: Array) -> Array:
-        """``k``, elementwise, of times ``apart`` (a, b) seconds; (G, a, b)."""
-        total = np.zeros((len(self.variance), *apart.shape))
-        for kernel, variance, u in self._scaled(self._kernels, apart):
-            part = kernel.correlation(u)
-            part *= variance
-            total += part
-        return total
-
-    def cross(self, apart: Array) -> Array:
-        """``k`` of queries and samples, the queries ``apart`` (a, b) seconds later; (G, a, b)."""
-        return self(np.abs(apart))
-
-    @property
-    def slope(self) -> KernelSlope:
-        """The covariance of the motion's derivative with the samples."""
-        return KernelSlope(self)
-
-    def past(self, apart: Array) -> Array:
-        """``past`` of times ``apart`` (a, b) seconds, not negative; (G, a, b, r)."""
-        return np.concatenate(
-            [kernel.past(u) for kernel, _, u in self._scaled(self._matern, apart)], axis=-1
-        )
-
-    def future(self, apart: Array) -> Array:
-        """``future`` of times ``apart`` (a, b) seconds, not negative; (G, a, b, r)."""
-        return np.concatenate(
-            [
-                variance[..., None] * kernel.future(u)
-                for kernel, variance, u in self._scaled(self._matern, apart)
-            ],
-            axis=-1,
-        )
-
-    def transition(self, apart: Array) -> Array:
-        """``Φ`` of times ``apart`` (a, b) seconds, not negative; (G, a, b, r, r)."""
-        result = np.zeros((len(self.variance), *apart.shape, self.rank, self.rank))
-        begin = 0
-        for kernel, _, u in self._scaled(self._matern, apart):
-            here = slice(begin, begin + len(kernel.coefficients))
-            result[..., here, here] = kernel.transition(u)
-            begin = here.stop
-        return result
-
-    def parts(self) -> Iterator[tuple[Kernel, Array, Array]]:
-        """Each kernel with its ``σ²`` and ``l``, (G, 1, 1) both."""
-        return zip(self._kernels, self._variances, self._lengths, strict=True)
-
-    def _scaled(
-        self, kernels: Iterable[_AnyKernel], apart: Array
-    ) -> Iterator[tuple[_AnyKernel, Array, Array]]:
-        """Each kernel with its ``σ²`` (G, 1, 1) and ``apart / l`` (G, a, b)."""
-        for kernel, variance, length in zip(kernels, self._variances, self._lengths, strict=True):
-            yield kernel, variance, apart / length
-
-
-class KernelSlope:
-    """``∂k(t, t')/∂t`` of the kernels that are motion; noise has no derivative and is left out.
-
-    It is the covariance of the motion's derivative at t with a sample at t'.
+    Where k of them are said to be asked for, the first is the process itself, and the second its
+    motion's derivative ``∂/∂t``, of what is no noise.
     """
 
-    one = 0.0
-
-    def __init__(self, kernel: KernelSum) -> None:
-        """Take a sum of kernels."""
-        self._kernel = kernel
-        self.variance: Array = np.sum(
-            [
-                v[:, 0, 0] * each.curvature / length[:, 0, 0] ** 2
-                for each, v, length in kernel.parts()
-            ],
-            axis=0,
+    def __init__(self, kernels: tuple[Kernel, ...], variances: Array, lengths: Array) -> None:
+        """``variances`` σ² and ``lengths`` l of each of m kernels; (m, G, S) both."""
+        self._kernels = kernels
+        self._variances, self._lengths = variances, lengths
+        # Groups with the same lengths have the same correlations.
+        places: dict[bytes, int] = {}
+        which = [places.setdefault(lengths[:, g].tobytes(), g) for g in range(lengths.shape[1])]
+        self._distinct = sorted(places.values())
+        self._which: list[int] | slice = [self._distinct.index(g) for g in which]
+        if len(self._distinct) == len(which):
+            self._which = slice(None)
+        curvatures = np.array([kernel.curvature for kernel in kernels])[:, None, None]
+        self.variances: Array = np.stack(
+            [variances.sum(axis=0), (variances * curvatures / lengths**2).sum(axis=0)]
         )
-        """Of the derivative, ``-k''(0)`` of each group; (G,)."""
+        """``k(0)`` and ``-k''(0)``, the motion's alone; (2, G, S)."""
 
-    def cross(self, apart: Array) -> Array:
-        """``sign(u) k'(|u|)`` of queries ``apart`` (a, b) seconds after the samples; (G, a, b)."""
-        total = np.zeros((len(self.variance), *apart.shape))
-        for each, variance, length in self._kernel.parts():
-            total += variance / length * each.derivative(np.abs(apart) / length)
-        return np.asarray(total * np.sign(apart))
+    @staticmethod
+    def of(kernels: tuple[Kernel, ...], groups: tuple[GroupHyperparameters, ...]) -> KernelSum:
+        """Take the kernels that the groups have components for, of one stretch."""
+        return _of(tuple(type(kernel) for kernel in kernels), groups)
 
-    def future(self, apart: Array) -> Array:
-        """The derivative of the sum's ``future``; (G, a, b, r)."""
-        return np.concatenate(
-            [
-                (variance / length)[..., None] * each.future_derivative(apart / length)
-                for each, variance, length in self._kernel.parts()
-                if isinstance(each, Matern)
-            ],
-            axis=-1,
+    @classmethod
+    def beside(cls, sums: Sequence[Self]) -> Self:
+        """Take stretches with the same kernels and as many groups side by side."""
+        variances = np.concatenate([each._variances for each in sums], axis=2)
+        lengths = np.concatenate([each._lengths for each in sums], axis=2)
+        return cls(sums[0]._kernels, variances, lengths)
+
+    def __call__(self, apart: Array) -> Array:
+        """``k`` of times ``apart`` (S, n) seconds, not negative; (G, S, n)."""
+        scaled = apart / self._lengths[:, self._distinct, :, None]
+        each = np.stack(
+            [kernel.correlation(u) for kernel, u in zip(self._kernels, scaled, strict=True)]
         )
+        return self._summed(each, self._variances)
+
+    def cross(self, apart: Array, kinds: int = 1) -> Array:
+        """The covariances of k that are asked for with samples, (k, G, S, n).
+
+        They are asked for ``apart`` (S, n) seconds later than the samples, or earlier.
+        """
+        size = np.abs(apart)
+        found = [self(size)]
+        if kinds > 1:
+            scaled = size / self._lengths[:, self._distinct, :, None]
+            each = np.stack(
+                [kernel.derivative(u) for kernel, u in zip(self._kernels, scaled, strict=True)]
+            )
+            slope = self._summed(each, self._variances / self._lengths)
+            found.append(slope * np.sign(apart))
+        return np.stack(found)
+
+    def _summed(self, each: Array, factors: Array) -> Array:
+        """Each kernel's of the distinct groups (m, D, S, n), times ``factors`` (m, G, S)."""
+        return np.asarray(np.add.reduce(factors[..., None] * each[:, self._which], axis=0))
+
+
+@lru_cache(maxsize=64)
+def _of(kinds: tuple[type[Kernel], ...], groups: tuple[GroupHyperparameters, ...]) -> KernelSum:
+    components = [group.components for group in groups]
+    kernels = tuple(kind() for kind in kinds[: len(components[0])])
+    variances = np.array([[c.std**2 for c in parts] for parts in components]).T
+    lengths = np.array([[c.length_scale for c in parts] for parts in components]).T
+    kind = MarkovSum if all(isinstance(kernel, Matern) for kernel in kernels) else KernelSum
+    return kind(kernels, variances[..., None], lengths[..., None])
+
+
+class MarkovSum(KernelSum):
+    """Of Matérn kernels.
+
+    The powers of all kernels stand side by side, r in all: first every ``exp(-a)``, then the
+    ``a exp(-a)`` of those kernels that have it, and so on.
+    """
+
+    def __init__(self, kernels: tuple[Kernel, ...], variances: Array, lengths: Array) -> None:
+        """Put those with the most powers first."""
+        of = [kernel for kernel in kernels if isinstance(kernel, Matern)]
+        of.sort(key=lambda kernel: -len(kernel.coefficients))
+        order = [kernels.index(kernel) for kernel in of]
+        super().__init__(tuple(of), variances[order], lengths[order])
+        table = _table(tuple(type(kernel) for kernel in of))
+        self._table = table
+        self.rank = len(table.kernel)
+        """Number of rows of Φ."""
+        self._rates = np.array([kernel.rate for kernel in of])[:, None, None] / lengths[order]
+        scales = np.stack([self._variances, self._variances * self._rates])[:, table.kernel]
+        self._scales = np.moveaxis(scales, 1, -1)[..., None, :]  # (2, G, S, 1, r)
+
+    def __call__(self, apart: Array) -> Array:
+        """``k`` of times ``apart`` (S, n) seconds, not negative; (G, S, n)."""
+        return np.asarray(self.cross(apart)[0])
+
+    def cross(self, apart: Array, kinds: int = 1) -> Array:
+        """As that of any sum."""
+        a = self._rates[:, self._distinct, :, None] * np.abs(apart)
+        decay = np.exp(-a)
+        found = [self._summed(_polynomials(self._table.values, a, decay), self._variances)]
+        if kinds > 1:
+            each = _polynomials(self._table.slopes, a, decay)
+            found.append(self._summed(each, self._variances * self._rates) * np.sign(apart))
+        return np.stack(found) if kinds > 1 else found[0][None]
+
+    def powers(self, apart: Array) -> Array:
+        """All kernels' powers of times ``apart`` (S, n) seconds, not negative.
+
+        Of the groups that differ in their lengths; (D, S, n, r).
+        """
+        rates = np.moveaxis(self._rates[:, self._distinct], 0, -1)[..., None, :]
+        a = rates * apart[..., None]
+        result = np.empty((*a.shape[:-1], self.rank))
+        before, *widths = self._table.widths
+        np.exp(-a, out=result[..., :before])
+        begin = 0
+        for width in widths:
+            known, end = result[..., begin : begin + width], begin + before
+            np.multiply(a[..., :width], known, out=result[..., end : end + width])
+            begin, before = end, width
+        return result
+
+    def past(self, powers: Array) -> Array:
+        """``past`` of the times whose ``powers`` (D, S, n, r) are given; (G, S, n, r)."""
+        return powers[self._which]
+
+    def future(self, powers: Array, kinds: int = 1) -> Array:
+        """``future`` of those times, of k that are asked for; (k, G, S, n, r)."""
+        future = powers @ self._table.futures[:kinds, None, None]
+        return np.asarray(future[:, self._which] * self._scales[:kinds])
+
+    def transition(self, powers: Array) -> Array:
+        """``Φ`` of the times whose ``powers`` (D, S, 1, r) are given; (G, S, r, r)."""
+        found = powers @ self._table.transition
+        return np.asarray(found[self._which].reshape(-1, powers.shape[1], self.rank, self.rank))
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """What Matérn kernels are in their powers, whatever their σ and l; see `MarkovSum`.
+
+    ``widths``: number of kernels that have each power; ``kernel`` (r,): whose each is; ``values``
+    and ``slopes``: the coefficients of ρ and ``ρ' / r`` power by power, (width, 1, 1, 1) each.
+    ``futures`` (2, r, r): of the powers (r,), the ``future`` and its derivative over r;
+    ``transition`` (r, r²): Φ.
+    """
+
+    widths: tuple[int, ...]
+    kernel: list[int]
+    values: tuple[Array, ...]
+    slopes: tuple[Array, ...]
+    futures: Array
+    transition: Array
+
+
+@cache
+def _table(kinds: tuple[type[Matern], ...]) -> _Table:
+    """Those with the most powers come first."""
+    kernels = [kind() for kind in kinds]
+    sizes = [len(kernel.coefficients) for kernel in kernels]
+    widths = tuple(sum(size > j for size in sizes) for j in range(sizes[0]))
+    places = [(k, j) for j, width in enumerate(widths) for k in range(width)]
+    index, rank = {place: i for i, place in enumerate(places)}, len(places)
+    of = [k for k, _ in places]
+    values = np.array([kernels[k].coefficients[j] for k, j in places])
+    # Noise has no derivative, and is no motion.
+    moves = np.array([kernels[k].curvature > 0.0 for k in of], dtype=np.float64)
+    slopes = np.array([-kernels[k].slope[j - 1] if j else 0.0 for k, j in places])
+    future, derivative = np.zeros((rank, rank)), np.diag(-moves)
+    transition = np.zeros((rank, rank, rank))
+    for (k, j), row in index.items():
+        for i in range(j + 1):
+            power, column = index[k, j - i], index[k, i]
+            future[power, column] = values[row] * math.comb(j, i)
+            transition[power, column, row] = math.comb(j, i)
+        if j:
+            derivative[row, index[k, j - 1]] = j
+    ends = np.cumsum(widths)[:-1]
+    by_power = [np.split(each[:, None, None, None], ends) for each in (values, slopes)]
+    futures = np.stack([future, future @ derivative])
+    polynomials = [tuple(each) for each in by_power]
+    return _Table(widths, of, polynomials[0], polynomials[1], futures, transition.reshape(rank, -1))
+
+
+def _polynomials(coefficients: tuple[Array, ...], a: Array, decay: Array) -> Array:
+    """``Σ_j c_j aʲ exp(-a)`` of each kernel; (m, D, S, n)."""
+    value = np.zeros_like(a)
+    for each in reversed(coefficients):
+        those = value[: len(each)]
+        those *= a[: len(each)]
+        those += each
+    value *= decay
+    return value

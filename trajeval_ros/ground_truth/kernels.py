@@ -95,39 +95,6 @@ class Matern:
         a = self.rate * u
         return np.asarray(-self.rate * a * _polynomial(self.slope, a) * np.exp(-a))
 
-    def past(self, u: Array) -> Array:
-        """Return ``Φ(u)ᵀ e₀``, (..., r): ``aⁱ exp(-a)``."""
-        a = self.rate * u
-        terms = [np.exp(-a)]
-        for _ in self.coefficients[1:]:
-            terms.append(a * terms[-1])
-        return np.stack(terms, axis=-1)
-
-    def future(self, u: Array) -> Array:
-        """Return ``Φ(u) c``, (..., r): ``Σ_j c_j binom(j, i) a^(j - i) exp(-a)``."""
-        powers, size = self.past(u), len(self.coefficients)
-        weights = np.zeros((size, size))
-        for j, coefficient in enumerate(self.coefficients):
-            for i in range(j + 1):
-                weights[j - i, i] = coefficient * math.comb(j, i)
-        return np.asarray(powers @ weights)
-
-    def future_derivative(self, u: Array) -> Array:
-        """Return ``Φ'(u) c``, (..., r): ``r ((i + 1) f_(i+1) - f_i)`` with ``f = Φ(u) c``."""
-        future = self.future(u)
-        result = -future
-        result[..., :-1] += future[..., 1:] * np.arange(1, len(self.coefficients))
-        return np.asarray(self.rate * result)
-
-    def transition(self, u: Array) -> Array:
-        """Return ``Φ(u)``, (..., r, r): ``binom(j, i) a^(j - i) exp(-a)``, for ``u >= 0``."""
-        powers, size = self.past(u), len(self.coefficients)
-        result = np.zeros((*u.shape, size, size))
-        for j in range(size):
-            for i in range(j + 1):
-                result[..., i, j] = math.comb(j, i) * powers[..., j - i]
-        return result
-
 
 class Exponential(Matern):
     """``ρ(u) = exp(-u)``: continuous, not differentiable; for correlated noise."""
@@ -148,10 +115,6 @@ class Exponential(Matern):
     def derivative(self, u: Array) -> Array:
         """Return zero."""
         return np.zeros_like(u)
-
-    def future_derivative(self, u: Array) -> Array:
-        """Return zero; (..., 1)."""
-        return np.zeros((*u.shape, 1))
 
 
 class Matern32(Matern):

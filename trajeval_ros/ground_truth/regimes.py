@@ -10,7 +10,7 @@ the noise, a stretch's *regime*, are for its own samples to say.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -77,6 +77,7 @@ class Learned:
     theta: Array
     accuracy: float
     seen: frozenset[Regime] = frozenset({USUAL})
+    _known: dict[Regime, GroupHyperparameters] = field(default_factory=dict, repr=False)
 
     def is_new(self, regime: Regime) -> bool:
         """Whether nothing like it was seen."""
@@ -95,6 +96,11 @@ class Learned:
 
     def under(self, regime: Regime) -> GroupHyperparameters:
         """The hyperparameters of a stretch in ``regime``."""
+        if regime not in self._known:
+            self._known[regime] = self._under(regime)
+        return self._known[regime]
+
+    def _under(self, regime: Regime) -> GroupHyperparameters:
         natural = self.model.natural(regime.of(self.theta), self.grid)[0]
         *pairs, noise = (float(v) for v in np.exp(natural))
         components = tuple(map(Component, pairs[::2], pairs[1::2]))

@@ -17,12 +17,20 @@ leading block, so a truncated answer costs no new factorisation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.factors import DenseFactor, Factor, MarkovFactor, rounded_up
+from trajeval_ros.ground_truth.factors import (
+    DenseFactor,
+    Factor,
+    MarkovFactor,
+    products,
+    rounded_up,
+)
 from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM, GroupHyperparameters
-from trajeval_ros.ground_truth.kernel_sum import KernelSlope, KernelSum
+from trajeval_ros.ground_truth.kernel_sum import KernelSum, MarkovSum
 from trajeval_ros.ground_truth.kernels import Kernel
 
 Array = npt.NDArray[np.float64]
@@ -47,11 +55,19 @@ class Regression:
         coordinates: int,
     ) -> None:
         """Start without samples."""
-        self._kernel = KernelSum(kernels, groups)
-        self._variance = self._kernel.variance
-        factor = MarkovFactor if self._kernel.is_markov else DenseFactor
-        self._factor: Factor = factor(self._kernel, coordinates)
+        self._kernel = KernelSum.of(kernels, groups)
+        self._variance = self._kernel.variances[0, :, 0]
+        self._factor: Factor = (
+            MarkovFactor(self._kernel, len(groups), coordinates)
+            if isinstance(self._kernel, MarkovSum)
+            else DenseFactor(self._kernel, len(groups), coordinates)
+        )
         self._sums = np.empty((len(groups), 0, 2 + coordinates))  # A, gᵀ z, Σ zᵀ z, row by row
+
+    @property
+    def groups(self) -> int:
+        """G."""
+        return len(self._variance)
 
     @property
     def count(self) -> int:
@@ -83,34 +99,17 @@ class Regression:
 
         There is at least one.
         """
-        mean, variance = self._given(times, counts, (self._kernel,))
+        mean, variance, _ = posteriors([(self, times, counts)])
         return mean[0], variance[0]
 
     def motion(self, times: Array, counts: Counts) -> tuple[Array, Array]:
-        """Return the same of the process and of the motion's derivative; (2, q, G, c), (2, q, G).
-
-        The second is the first with ``∂k/∂t`` for k; the correlated noise, which has no derivative,
-        is not motion.
-        """
-        return self._given(times, counts, (self._kernel, self._kernel.slope))
-
-    def _given(
-        self, times: Array, counts: Counts, asked: tuple[KernelSum | KernelSlope, ...]
-    ) -> tuple[Array, Array]:
-        products, explained = self._factor.products(times, counts, asked)
-        sums = self._sums[:, None, counts - 1]
-        ones = np.array([[what.one] for what in asked])
-        prior = np.stack([what.variance for what in asked])[..., None]
-        r, information = ones - products[..., 0], sums[..., 0]
-        mean = products[..., 1:] + (r / information)[..., None] * sums[..., 1:-1]
-        variance = np.swapaxes(prior, 0, 1) - explained + r * r / information
-        variance = np.maximum(variance, _ROUND_OFF * np.swapaxes(prior, 0, 1))
-        return mean.transpose(1, 2, 0, 3), variance.transpose(1, 2, 0)
+        """Return the same of the process and of its motion's derivative; as `posteriors`."""
+        mean, variance, _ = posteriors([(self, times, counts)], kinds=2)
+        return mean, variance
 
     def squares(self, counts: Counts) -> Array:
         """``Σ q`` over a group's coordinates, given the first ``counts`` (q,) samples; (q, G)."""
-        sums = self._sums[:, counts - 1]
-        return np.asarray(sums[..., -1] - (sums[..., 1:-1] ** 2).sum(axis=-1) / sums[..., 0]).T
+        return _squares(self._sums[:, counts - 1])
 
     def innovations(self, first: int) -> tuple[Array, Array]:
         """Return what samples from row ``first`` >= 1 on add to ``Σ q`` and ``log|K| + log A``.
@@ -149,6 +148,32 @@ class Regression:
             explained = (samples[:, : known + j, :size] @ weight)[..., 0]
             found.append((prior[:, : known + j, j] + drawn[:, j, None] - explained).T)
         return found
+
+
+def _squares(sums: Array) -> Array:
+    """``Σ q`` (q, G) by the sums (G, q, 2 + c)."""
+    return np.asarray(sums[..., -1] - (sums[..., 1:-1] ** 2).sum(axis=-1) / sums[..., 0]).T
+
+
+def posteriors(
+    asked: Sequence[tuple[Regression, Array, Counts]], kinds: int = 1
+) -> tuple[Array, Array, Array]:
+    """Return means (k, q, G, c), ``P / s²`` (k, q, G) and ``Σ q`` (q, G) of all queries.
+
+    Of regressions with the same kernels and number of groups, each at ``times`` (q,), given its
+    first ``counts`` (q,) >= 1 samples. With ``kinds`` of 2 that of the motion's derivative, too: it
+    is the same with ``∂k/∂t`` for k; the correlated noise, which has no derivative, is not motion.
+    """
+    found, explained = products([(r._factor, times, counts) for r, times, counts in asked], kinds)
+    sums = np.concatenate([r._sums[:, n - 1] for r, _, n in asked], axis=1)
+    sizes = [len(times) for _, times, _ in asked]
+    prior = np.stack([r._kernel.variances[:kinds, :, 0] for r, _, _ in asked], axis=2)
+    prior = np.repeat(prior, sizes, axis=2)
+    ones = np.array([1.0, 0.0])[:kinds, None, None]  # what a constant has of either
+    r, information = ones - found[..., 0], sums[..., 0]
+    mean = found[..., 1:] + (r / information)[..., None] * sums[..., 1:-1]
+    variance = np.maximum(prior - explained + r * r / information, _ROUND_OFF * prior)
+    return np.swapaxes(mean, 1, 2), np.swapaxes(variance, 1, 2), _squares(sums)
 
 
 def scale(squares: Array, counts: Counts, coordinates: int, least: npt.ArrayLike) -> Array:

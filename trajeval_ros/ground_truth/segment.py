@@ -6,13 +6,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.adaptation import Adaptation, Epoch, Values
+from trajeval_ros.ground_truth.adaptation import (
+    Adaptation,
+    Epoch,
+    Values,
+    epoch_scales,
+)
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
+from trajeval_ros.ground_truth.regression import posteriors
 from trajeval_ros.ground_truth.stamps import HISTORY, slopes
 
 Array = npt.NDArray[np.float64]
@@ -55,23 +62,6 @@ class Samples:
 
 
 @dataclass(frozen=True, slots=True)
-class LocalAnswer:
-    """What a segment says of q queries, in its own coordinates about ``reference`` (4, 4).
-
-    ``mean`` (k, q, 6) and ``variances`` P (k, q, 6), with the squares of ``scales`` s (q, 6): of
-    the coordinates and, where it was asked for (k = 2), of their derivative.
-    """
-
-    reference: Array
-    mean: Array
-    variances: Array
-    scales: Array
-
-
-_NO_ANSWER = LocalAnswer(np.eye(4), np.empty((2, 0, 6)), np.empty((2, 0, 6)), np.empty((0, 6)))
-
-
-@dataclass(frozen=True, slots=True)
 class Twists:
     """Body twists ``means`` (q, 6), m/s and rad/s, and their ``covariances`` (q, 6, 6).
 
@@ -110,16 +100,55 @@ class Answer:
         )
 
 
-def in_world(answers: Sequence[LocalAnswer]) -> Answer:
-    """The answers of segments, one after the other."""
-    answers = answers or [_NO_ANSWER]
-    means, variances, scales = (
-        np.concatenate(parts, axis=-2)
-        for parts in zip(*((a.mean, a.variances, a.scales) for a in answers), strict=True)
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What an epoch of a segment is asked: at ``stamps`` (q,), given the samples ``until`` (q,)."""
+
+    segment: Segment
+    epoch: Epoch
+    stamps: Stamps
+    until: Stamps
+
+
+def answers(asked: Sequence[Asked], twists: bool = False) -> Answer:
+    """What segments say, one after the other."""
+    kinds = 2 if twists else 1
+    nothing = np.empty((kinds, 0, 6)), np.empty((kinds, 0, 6)), np.empty((0, 6))
+    local = [nothing] + [
+        _local_answers(list(some), kinds)
+        for _, some in groupby(asked, key=lambda each: each.epoch.regression.groups)
+    ]
+    means, variances, factor = (np.concatenate(each, axis=-2) for each in zip(*local, strict=True))
+    references = [each.segment.samples.poses[:1] for each in asked]
+    sizes = [len(each.stamps) for each in asked]
+    reference = np.concatenate([np.empty((0, 4, 4)), *references]).repeat(sizes, axis=0)
+    return _in_world(reference, means, factor * variances, np.sqrt(factor))
+
+
+def _local_answers(asked: Sequence[Asked], kinds: int) -> tuple[Array, Array, Array]:
+    """Means (k, q, 6) and variances over ``s²`` (k, q, 6) of the local coordinates, and ``s²``.
+
+    With k = 2 of their derivative, too; ``s²`` (q, 6).
+    """
+    counts = [each.segment.counts(each.until) for each in asked]
+    means, variances, squares = posteriors(
+        [
+            (each.epoch.regression, each.segment.seconds(each.stamps), number)
+            for each, number in zip(asked, counts, strict=True)
+        ],
+        kinds,
     )
+    scales = epoch_scales([each.epoch for each in asked], counts, squares)
+    return (
+        means.reshape(kinds, -1, 6),
+        np.repeat(variances, means.shape[3], axis=2),
+        np.repeat(scales, 3, axis=1),
+    )
+
+
+def _in_world(references: Array, means: Array, variances: Array, scales: Array) -> Answer:
+    """Of local coordinates about ``references`` (q, 4, 4); the others as in `_local_answers`."""
     mean = means[0]
-    references = np.stack([answer.reference for answer in answers])
-    references = references.repeat([len(answer.scales) for answer in answers], axis=0)
     rotation = se3.exp_so3(mean[:, 3:])
     poses = references.copy()
     poses[:, :3, :3] = references[:, :3, :3] @ rotation
@@ -165,7 +194,7 @@ class Segment:
     @property
     def times(self) -> Array:
         """Seconds since the first sample; (n,)."""
-        return self._seconds(self._samples.stamps)
+        return self.seconds(self._samples.stamps)
 
     @property
     def coordinates(self) -> Array:
@@ -196,7 +225,7 @@ class Segment:
         """``ẋ_k`` from the samples up to the k-th, of local coordinates; (n, 6), m/s and rad/s."""
         known, earlier = len(self._slopes), len(self.before)
         if known < len(self):
-            times = np.concatenate([self._seconds(self.before.stamps), self.times])
+            times = np.concatenate([self.seconds(self.before.stamps), self.times])
             x = np.concatenate([self._local(self.before.poses), self.coordinates])
             first = max(earlier + known - HISTORY, 0)
             further = slopes(times[first:], x[first:], earlier + known - first)
@@ -219,7 +248,8 @@ class Segment:
         """Stamp of the first sample."""
         return int(self._samples.stamps[0])
 
-    def _seconds(self, stamps: Stamps) -> Array:
+    def seconds(self, stamps: Stamps) -> Array:
+        """Seconds since the first sample; (q,)."""
         return np.asarray((stamps - self._samples.stamps[0]) * _NANO)
 
     def following(self, poses: Array) -> Array:
@@ -302,23 +332,6 @@ class Segment:
         """Number of samples stamped up to each of ``until`` (q,)."""
         return np.searchsorted(self._samples.stamps, until, side="right")
 
-    def posterior(
-        self, epoch: Epoch, stamps: Stamps, until: Stamps, motion: bool = False
-    ) -> LocalAnswer:
-        """Return the coordinates at ``stamps`` (q,), given the samples up to ``until`` (q,).
-
-        With ``motion``, their derivative, too.
-        """
-        counts, seconds = self.counts(until), self._seconds(stamps)
-        if motion:
-            mean, variances = epoch.regression.motion(seconds, counts)
-        else:
-            mean, variances = (each[None] for each in epoch.regression.posterior(seconds, counts))
-        factor = np.repeat(epoch.scale(counts), 3, axis=1)
-        variances = factor * np.repeat(variances, mean.shape[3], axis=2)
-        reference = self._samples.poses[0]
-        return LocalAnswer(reference, mean.reshape(len(mean), -1, 6), variances, np.sqrt(factor))
-
     def cross_variances(
         self, epoch: Epoch, stamps: Stamps, known: int, until: Stamps
     ) -> list[Array]:
@@ -329,7 +342,7 @@ class Segment:
         samples.
         """
         counts = self.counts(until)
-        rows = epoch.regression.cross_variances(self._seconds(stamps), known, counts)
+        rows = epoch.regression.cross_variances(self.seconds(stamps), known, counts)
         return [np.repeat(row, 6 // row.shape[1], axis=1) for row in rows]
 
 
@@ -358,6 +371,5 @@ def _to_body(phi: Array, rotation: Array) -> Array:
     """
     result = np.zeros((len(phi), 6, 6))
     result[:, :3, :3] = np.swapaxes(rotation, -1, -2)
-    tangent = np.concatenate([np.zeros_like(phi), phi], axis=-1)
-    result[:, 3:, 3:] = se3.right_jacobian(tangent)[:, 3:, 3:]
+    result[:, 3:, 3:] = se3.right_jacobian_so3(phi)
     return result

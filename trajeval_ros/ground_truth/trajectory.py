@@ -19,7 +19,14 @@ from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lessons
 from trajeval_ros.ground_truth.models import MODELS
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process
-from trajeval_ros.ground_truth.segment import Answer, Samples, Segment, Twists, in_world
+from trajeval_ros.ground_truth.segment import (
+    Answer,
+    Asked,
+    Samples,
+    Segment,
+    Twists,
+    answers,
+)
 from trajeval_ros.ground_truth.segmentation import Blended, Segmentation, SegmentShape
 
 Array = npt.NDArray[np.float64]
@@ -186,16 +193,16 @@ class GroundTruth:
             raise ValueError("the hyperparameters are not known yet")
         self._advance()
         parts = [part for blended in self._segmentation for part in _parts(blended, stamps, until)]
-        answers = in_world(
-            [p.segment.posterior(p.epoch, stamps[p.asked], until[p.asked], twists) for p in parts]
+        found = answers(
+            [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts], twists
         )
-        poses, covariances = _blend(len(stamps), parts, answers)
+        poses, covariances = _blend(len(stamps), parts, found)
         cross = None
         if joint is not None and len(stamps):
-            cross = joint.extend(stamps, until, covariances, parts, answers)
+            cross = joint.extend(stamps, until, covariances, parts, found)
         moving = None
-        if twists and answers.twists is not None:
-            moving = _mixed(len(stamps), parts, answers.twists)
+        if twists and found.twists is not None:
+            moving = _mixed(len(stamps), parts, found.twists)
         return Posterior(poses, covariances, self._sampled(stamps), cross, moving)
 
     def _sampled(self, stamps: Stamps) -> Mask:
@@ -239,8 +246,8 @@ def _parts(blended: Blended, stamps: Stamps, until: Stamps) -> Iterator[Part]:
         yield Part(index, segment, segment.epochs[number], asked[here], share[here])
 
 
-def _blend(count: int, parts: list[Part], answers: Answer) -> tuple[Array, Array]:
-    """The poses (q, 4, 4) and covariances (q, 6, 6) of so many queries, of all parts' answers.
+def _blend(count: int, parts: list[Part], found: Answer) -> tuple[Array, Array]:
+    """The poses (q, 4, 4) and covariances (q, 6, 6) of so many queries, of all parts' found.
 
     One segment answers a query, or the two of a hand-over: it ends before the next one begins.
     """
@@ -249,15 +256,15 @@ def _blend(count: int, parts: list[Part], answers: Answer) -> tuple[Array, Array
     total = np.bincount(asked, share, count)
     if (np.abs(total - 1.0) > 1e-6).any():
         raise ValueError("a query lies before the retained segments")
-    weighted = share[:, None, None] * answers.covariances
+    weighted = share[:, None, None] * found.covariances
     first = np.empty(count, dtype=np.intp)
     first[asked[::-1]] = np.arange(len(asked))[::-1]  # of two, the last one written
-    poses, covariances = answers.poses[first], weighted[first]
+    poses, covariances = found.poses[first], weighted[first]
     second = np.flatnonzero(first[asked] != np.arange(len(asked)))
     if len(second):
         query = asked[second]
         ratio = share[second] / total[query]
-        poses[query] = se3.interpolate(poses[query], answers.poses[second], ratio)
+        poses[query] = se3.interpolate(poses[query], found.poses[second], ratio)
         covariances[query] += weighted[second]
     return poses, covariances
 
