@@ -9,7 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from trajeval_ros import se3
 from trajeval_ros.commands import console, figures
+from trajeval_ros.commands.figures import compact, summary_lines
+from trajeval_ros.commands.simulation import simulate
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
+from trajeval_ros.online.parameters import complete
+from trajeval_ros.online.samples import PoseSamples
 
 
 def test_errors_become_one_line_and_a_code(capsys: pytest.CaptureFixture[str]) -> None:
@@ -119,3 +126,51 @@ def test_account_adds_up_in_words() -> None:
     assert figures.account(counts, "evaluated") == (
         "1,588 received, 1,530 evaluated, 8 pending, 50 rejected (50 no_ground_truth)"
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "-"),
+        (9222, "9,222"),
+        (-2_953_458.4, "-2,953,458"),
+        (-298_122_999.0, "-298.123 M"),
+        (-92_547_400_000.0, "-92.5474 G"),
+        (1.5e18, "1.500e+18"),
+    ],
+)
+def test_a_large_figure_takes_little_room_and_reads_as_no_other(
+    value: float | None, text: str
+) -> None:
+    assert compact(value) == text
+    assert len(text) <= 11
+
+
+def summary_of(gauge: str) -> list[str]:
+    run = simulate(20.0, seed=1)
+    engine = Engine({"gauge": gauge})
+    samples = [
+        PoseSamples(poses.stamps, *se3.to_position_quaternion(poses.poses))
+        for poses in (run.ground_truth, run.estimate)
+    ]
+    for _ in feed(engine, *samples):
+        pass
+    summary = engine.summary()
+    # As large as they come.
+    for part in (summary["relative"], summary["absolute"]):
+        assert isinstance(part, dict)
+        part["chi2"] = 1.234567e14
+        part["log_likelihood"] = -6.1e13
+    return summary_lines(summary, complete({"gauge": gauge}))
+
+
+@pytest.mark.parametrize("gauge", ["se3", "sim3", "yaw_translation"])
+def test_the_summary_fits_a_terminal_of_80_columns_and_names_each_row_once(gauge: str) -> None:
+    lines = summary_of(gauge)
+    assert max(map(len, lines)) <= 80
+    assert any(line.startswith("Coverage      100 % of 20 s, 100 % of ") for line in lines)
+    names = [line.split("  ")[0] for line in lines if line.strip() and not line.startswith(" ")]
+    assert len(set(names)) == len(names)
+    assert ("Scale of the estimate" in "\n".join(lines)) == (gauge == "sim3")
+    assert ("pose to pose, RMSE" in names) == (gauge != "sim3")
+    assert not any(name.startswith(("RE, last", "AE")) for name in names)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page, from a run of the engine."""
 
+import dataclasses
 import html.parser
 import re
 import sys
@@ -19,7 +20,7 @@ from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.results import Evaluations, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report, words
-from trajeval_ros.report.series import make_series, vertical_axis
+from trajeval_ros.report.series import make_series, upwards, vertical_axis
 from trajeval_ros.runs.session import UNDECODABLE
 
 SECTIONS = [
@@ -34,11 +35,13 @@ SECTIONS = [
 PANELS = [
     "From above: x, y in metres",
     "Height: z in metres over time",
-    "Translation error",
-    "Rotation error",
+    "ATE, translation, m",
+    "The same along the world's axes, m",
+    "ATE, rotation, degrees",
+    "The same about the world's axes, degrees",
     "Log-likelihood since the start",
-    "Log-likelihood gained in the last 30 s",
-    "χ² per degree of freedom",
+    "Log-likelihood gained within 30 s, given all before",
+    "χ²/dof gained within 30 s, given all before",
     "Coverage: messages a second",
 ]
 
@@ -56,6 +59,7 @@ def evaluated() -> tuple[Report, dict[str, Any]]:
     for results in feed(engine, *samples):
         report.add(results)
     report.add_received(ground_truth=run.ground_truth.stamps, estimate=run.estimate.stamps)
+    report.way = engine.way()
     report.notices = (*engine.notices(), Notice("warning", "test", "x < y & z"))
     return report, engine.summary()
 
@@ -268,8 +272,18 @@ def test_series_are_those_of_the_run(evaluated: tuple[Report, dict[str, Any]]) -
     series = make_series(run)
     assert series.seconds[0] > 0
     assert series.seconds[-1] <= series.end
-    rms = float(np.sqrt(np.mean(series.translation_error**2)))
-    assert rms == pytest.approx(summary["absolute"]["translation_rmse"], rel=0.01)
+    # The curve is what ATE is of, but for the poses in the dropouts.
+    conventional = summary["conventional"]
+    assert series.is_ate
+    known = series.translation_band < 0.01
+    parts = {"translation": series.translation_error, "rotation": series.rotation_error}
+    for part, errors in parts.items():
+        rms = float(np.sqrt(np.mean(errors[known] ** 2)))
+        assert rms == pytest.approx(conventional[f"ate_{part}_rmse"], rel=0.01)
+    np.testing.assert_allclose(
+        np.linalg.norm(series.translation_axes, axis=1), series.translation_error
+    )
+    np.testing.assert_allclose(np.linalg.norm(series.rotation_axes, axis=1), series.rotation_error)
     # the whole run lies within the window at first, so both totals are the same there
     early = series.ends < 25.0
     np.testing.assert_allclose(
@@ -279,6 +293,69 @@ def test_series_are_those_of_the_run(evaluated: tuple[Report, dict[str, Any]]) -
     # nothing is scored in the middle of the longer dropout, 21 s to 25 s
     assert not np.any((series.seconds > 22.1) & (series.seconds < 23.9))
     assert len(series.breaks) >= 1
+
+
+def test_no_two_figures_of_the_page_have_one_name(page: str) -> None:
+    names = re.findall(r"<tr><td>([^<]*)</td><td class=n>", page)
+    assert sorted(set(names)) == sorted(names)
+    # What is in metres has these names to itself.
+    text = "".join(read(page).text)
+    assert not re.search(r"\bAE\b", text)
+    assert not re.search(r"\bRE\b(?!,? over 1 s|, translation,|, rotation,|, conventional)", text)
+
+
+def cut_short(gauge: str = "se3") -> tuple[Report, dict[str, Any]]:
+    """A run whose estimate dies after a third."""
+    run = simulate(30.0, seed=2)
+    engine = Engine({"gauge": gauge})
+    report = Report(complete({"gauge": gauge}), {"estimate": "dead.txt"})
+    truth, estimate = (
+        PoseSamples(poses.stamps, *se3.to_position_quaternion(poses.poses))
+        for poses in (run.ground_truth, run.estimate)
+    )
+    third = len(estimate) // 3
+    estimate = PoseSamples(
+        estimate.stamps[:third], estimate.positions[:third], estimate.quaternions[:third]
+    )
+    for results in feed(engine, truth, estimate):
+        report.add(results)
+    report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
+    report.way = engine.way()
+    return report, engine.summary()
+
+
+def test_an_estimate_that_dies_is_said_to_and_all_of_the_ground_truth_is_drawn() -> None:
+    report, summary = cut_short()
+    page = report.render(summary)
+    assert "<title>dead.txt: trajectory evaluation</title>" in page
+    text = "".join(read(page).text)
+    assert re.search(r"The estimate covers 3\d\.?\d? % of 30 s: it was lost for the last", text)
+    run = report.run(summary)
+    assert run.way is not None
+    series = make_series(run)
+    gone = run.way.stamps[-1] / 1e9 - series.start / 1e9
+    assert gone > series.seconds[-1] + 15.0
+    from trajeval_ros.report import plots
+
+    with_way = len(re.findall("stroke-dasharray", plots.trajectory(run, series)))
+    run = dataclasses.replace(run, way=None)
+    assert with_way > len(re.findall("stroke-dasharray", plots.trajectory(run, series)))
+
+
+def test_under_sim3_the_scale_is_a_headline_and_the_relative_likelihood_is_not() -> None:
+    report, summary = cut_short("sim3")
+    tiles = {name: value for name, value, _ in words.tiles(report.run(summary), None)}
+    assert "Relative log-likelihood" not in tiles
+    scale = summary["conventional"]["alignment"]["scale"]
+    assert tiles["Scale of the estimate"].startswith(f"{scale:.5g}")
+    said = words.verdict(report.run(summary), make_series(report.run(summary)))
+    assert "From one estimate to the next" not in said
+    names = [name for name, _, _ in words.figures(report.run(summary))]
+    assert not any(name.startswith("Relative") for name in names)
+
+
+def test_a_camera_has_up_where_its_y_is_least() -> None:
+    assert [upwards(axis) for axis in (0, 1, 2)] == [1.0, -1.0, 1.0]
 
 
 def test_vertical_axis() -> None:

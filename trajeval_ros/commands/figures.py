@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 Figures = Mapping[str, Any]
@@ -64,30 +64,95 @@ def table(rows: Sequence[tuple[str, ...]], left: int = 1) -> list[str]:
     ]
 
 
+def compact(value: float | None) -> str:
+    """Return a figure in eleven characters at most, however large: 298,122,999 is 298.123 M."""
+    if value is None:
+        return _NONE
+    for size, suffix in ((1e12, "T"), (1e9, "G"), (1e6, "M")):
+        if max(size, 1e7) <= abs(value) < 1e15:
+            return f"{value / size:.6g} {suffix}"
+    return number(value) if abs(value) < 1e15 else f"{value:.3e}"
+
+
 def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
-    """Return the summary of a run in lines of text."""
+    """Return the summary of a run in lines of text: counts, errors, likelihoods.
+
+    What a line says of the run has its name from what it is: no two lines share one.
+    """
+    # Only now: this module is read before it is known whether there is anything to report.
+    from trajeval_ros.report import covered
+
     truth = summary["ground_truth"]
     lines = [
         f"Estimate      {account(summary['estimate'], 'evaluated')}",
         f"Ground truth  {account(truth, 'used')}; {truth['segments']:,} segments",
-        "",
     ]
-    relative, absolute = summary["relative"], summary["absolute"]
+    if summary.get("coverage"):
+        lines.append(f"Coverage      {covered.of_the_run(summary['coverage'])}")
+        lost = covered.losses(summary["coverage"])
+        lines += [f"              {lost}"] if lost else []
+    lines += ["", *_errors(summary, parameters), "", *_likelihoods(summary, parameters)]
+    return lines
+
+
+def _errors(summary: Figures, parameters: Figures) -> list[str]:
+    """What is in metres and degrees, each by its own definition."""
+    conventional, gauge = summary["conventional"], summary["gauge"]
+    window = (summary.get("window") or {}).get("absolute") or {}
+    step = f"{parameters['relative.delta']:g} {parameters['relative.unit']}"
+    alignment = "as it is" if gauge == "none" else f"aligned, {gauge}"
+    named = (
+        (f"ATE, RMSE ({alignment})", conventional, "ate_{}_rmse"),
+        (f"RE, RMSE (over {step})", conventional, "re_{}_rmse"),
+        ("pose to pose, RMSE", summary["relative"], "{}_rmse"),
+        ("aligned by likelihood, RMSE", summary["absolute"], "{}_rmse"),
+        (f"noise-equivalent, {_last(parameters)}", window, "noise_equivalent_{}_std"),
+    )
+    rows = [("Error", *_PARTS)]
+    for title, figures, key in named:
+        translation, rotation = (figures.get(key.format(part)) for part in _PARTS)
+        # In sim3 a step of the estimate is not in metres.
+        unscaled = gauge == "sim3" and figures is summary["relative"]
+        if (translation, rotation) != (None, None) and not unscaled:
+            rows.append((title, metres(translation), degrees(rotation)))
+    lines = table(rows)
+    if gauge == "sim3":
+        lines.append(f"Scale of the estimate  {scale(summary)}")
+    return lines
+
+
+def scale(summary: Figures) -> str:
+    """Return the scale that the estimate was aligned with, with what it is known to."""
+    found = (summary["conventional"].get("alignment") or {}).get("scale")
+    if found is None:
+        return _NONE
+    std = (summary.get("error_model") or {}).get("scale", {}).get("std")
+    return f"{found:.5g}" if not std else f"{found:.5g} \u00b1 {std:.2g}"
+
+
+def _last(parameters: Figures) -> str:
+    return f"last {parameters['window.duration']:g} s"
+
+
+def _likelihoods(summary: Figures, parameters: Figures) -> list[str]:
     window = summary.get("window") or {}
-    columns: list[Figures] = [
-        relative,
-        absolute,
-        window.get("relative") or {},
-        window.get("absolute") or {},
+    columns: list[tuple[str, str, Figures]] = [
+        ("relative", "whole run", summary["relative"]),
+        ("absolute", "whole run", summary["absolute"]),
+        ("relative", _last(parameters), window.get("relative") or {}),
+        ("absolute", _last(parameters), window.get("absolute") or {}),
     ]
+    left_out = summary["gauge"] == "sim3"
+    if left_out:
+        columns = [column for column in columns if column[0] == "absolute"]
 
-    def row(title: str, key: str, show: Callable[[Any], str] = number) -> tuple[str, ...]:
-        return (title, *(show(figures.get(key)) for figures in columns))
+    def row(title: str, key: str) -> tuple[str, ...]:
+        return (title, *(compact(figures.get(key)) for _, _, figures in columns))
 
-    last = f"last {parameters['window.duration']:g} s"
-    lines += table(
+    lines = table(
         [
-            ("Generalized error", "relative", "absolute", f"RE, {last}", f"AE, {last}"),
+            ("", *(span for _, span, _ in columns)),
+            ("Likelihood", *(which for which, _, _ in columns)),
             row("log-likelihood, nats", "log_likelihood"),
             row("  chi2", "chi2"),
             row("  log-determinant", "log_det"),
@@ -95,40 +160,11 @@ def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
             row("nats a pose", "nats_per_pose"),
             row("chi2/dof", "chi2_per_dof"),
             row("error, in ground-truth std", "error_in_ground_truth_std"),
-            row("translation, RMSE", "translation_rmse", metres),
-            row("rotation, RMSE", "rotation_rmse", degrees),
         ]
     )
-    if absolute.get("log_likelihood_nonlinear") is not None:
-        lines.append(
-            f"Absolute log-likelihood, fully nonlinear over the whole run:"
-            f" {number(absolute['log_likelihood_nonlinear'])} nats"
-        )
-    equivalent = [columns[3].get(f"noise_equivalent_{part}_std") for part in _PARTS]
-    if None not in equivalent:
-        lines.append(
-            f"Noise-equivalent error, {last}: {metres(equivalent[0])}, {degrees(equivalent[1])}"
-        )
-    lines.append("")
-    lines += _conventional(summary["conventional"], summary["gauge"], parameters)
+    nonlinear = summary["absolute"].get("log_likelihood_nonlinear")
+    if nonlinear is not None:
+        lines.append(f"Absolute, nonlinear over the whole run: {compact(nonlinear)} nats")
+    if left_out:
+        lines.append("Relative likelihood: left out, as under sim3 it does not know the scale")
     return lines
-
-
-def _conventional(figures: Figures, gauge: str, parameters: Figures) -> list[str]:
-    step = f"{parameters['relative.delta']:g} {parameters['relative.unit']}"
-    alignment = "as it is" if gauge == "none" else f"aligned, {gauge}"
-    return table(
-        [
-            ("Conventional error", "translation", "rotation"),
-            (
-                f"ATE, RMSE ({alignment})",
-                metres(figures.get("ate_translation_rmse")),
-                degrees(figures.get("ate_rotation_rmse")),
-            ),
-            (
-                f"RE, RMSE (over {step})",
-                metres(figures.get("re_translation_rmse")),
-                degrees(figures.get("re_rotation_rmse")),
-            ),
-        ]
-    )

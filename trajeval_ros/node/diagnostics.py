@@ -246,7 +246,8 @@ def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
         findings.append(
             Finding(
                 Level.WARN,
-                f"first-order AE and RE differ by {health.consistency:.1e}, more than round-off",
+                f"relative and first-order absolute likelihood differ by {health.consistency:.1e},"
+                " more than round-off",
             )
         )
     known = health.hyperparameters

@@ -353,7 +353,8 @@ class Track:
                 Notice(
                     "warning",
                     "inconsistent_likelihoods",
-                    f"first-order AE and RE differ by {consistency:.1e}, more than round-off",
+                    f"relative and first-order absolute likelihood differ by {consistency:.1e}, "
+                    "more than round-off",
                 )
             )
         strain = self._evaluation.strain
@@ -362,8 +363,9 @@ class Track:
                 Notice(
                     "warning",
                     "first_order_strained",
-                    f"running and first-order AE differ by {100.0 * strain:.0f} %: first order "
-                    "does not hold (ground-truth gaps, long runs), so RE is not calibrated",
+                    f"running and first-order absolute likelihood differ by {100.0 * strain:.0f} "
+                    "%: first order does not hold (ground-truth gaps, long runs), so the relative "
+                    "likelihood is not calibrated",
                 )
             )
         if self._first_singular is not None:

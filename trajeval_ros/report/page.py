@@ -7,7 +7,7 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Iterable
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from trajeval_ros.report import answers, words
 from trajeval_ros.report.run import Run
@@ -23,29 +23,30 @@ _PICTURES_MISSING = (
 )
 
 _TRAJECTORY_CAPTION = (
-    "Grey: ground truth. Coloured: the estimate, moved into the ground truth's world by the"
-    " alignment of the whole run; bright is far off. Green: where the ground truth itself is known"
-    " to, two standard deviations, where that is large enough to be seen. Shaded in the right-hand"
-    " picture: no ground truth."
+    "Grey: ground truth, dotted where there is no estimate. Coloured: the estimate, moved into the"
+    " ground truth's world by the alignment that ATE is under; bright is far off. Green: where the"
+    " ground truth itself is known to, two standard deviations, where that is large enough to be"
+    " seen. Shaded in the right-hand picture: no ground truth."
 )
 _TIME_CAPTION = (
     "An error inside the green band cannot be told from the ground truth's own uncertainty; above"
     " it, it is the estimate's. In a gap of the ground truth the band opens up, and the same error"
-    " says less. The log-likelihoods fall where the estimate is bad; RE and AE lie on one another"
-    " as long as first order holds."
+    " says less. The log-likelihoods fall where the estimate is bad; the relative and the absolute"
+    " one lie on one another as long as first order holds. What was gained within some seconds is"
+    " what they added to the run's totals, given all before: the tables take the last ones alone."
 )
 
 _HOW_TO_READ = (
     (
-        "Relative error (RE)",
+        "Relative likelihood",
         "How the motion between neighbouring estimates differs from the true one, weighed by how"
         " well the true one is known. It needs no alignment.",
     ),
     (
-        "Absolute error (AE)",
+        "Absolute likelihood",
         "How the aligned estimate differs from the ground truth at each instant, integrated over"
         " all alignments. To first order, under the gauge se3, it carries the same information as"
-        " RE; the two figures then agree.",
+        " the relative one; the two figures then agree.",
     ),
     (
         "Log-likelihood",
@@ -98,18 +99,26 @@ def page(run: Run, say: Callable[[str], None]) -> str:
         _section("How to read this", _glossary()),
         _section("Parameters", _parameters(run)),
     ]
-    title = "Trajectory evaluation"
+    title = _title(run)
     sources = " against ".join(
         html.escape(run.sources[key]) for key in ("estimate", "ground truth") if key in run.sources
     )
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{_STYLE.read_text(encoding='utf-8')}</style></head><body>"
-        f"<h1>{title}</h1><p class=sources>{sources}</p>\n"
+        f"<title>{html.escape(title)}</title><style>{_STYLE.read_text(encoding='utf-8')}</style></head><body>"
+        f"<h1>{html.escape(title)}</h1><p class=sources>{sources}</p>\n"
         + "\n".join(section for section in sections if section)
         + f"\n<footer>{words.when(run)} trajeval_ros</footer></body></html>\n"
     )
+
+
+def _title(run: Run) -> str:
+    """What a tab or a list of pages is to show: which estimate it is."""
+    source = run.sources.get("estimate", "")
+    path, _, topic = source.partition(", topic ")
+    name = topic or PurePath(path).name or path
+    return f"{name}: trajectory evaluation" if name else "Trajectory evaluation"
 
 
 def _section(title: str, content: str) -> str:

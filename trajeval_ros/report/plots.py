@@ -7,7 +7,7 @@ from __future__ import annotations
 import io
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator
 from scipy.special import chdtri
 
+from trajeval_ros.online.coverage import Way
 from trajeval_ros.report.coverage import SECOND, Coverage, Gap
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import (
@@ -25,6 +26,7 @@ from trajeval_ros.report.series import (
     coverage_gaps,
     offset,
     rate_of,
+    upwards,
     vertical_axis,
 )
 
@@ -39,6 +41,13 @@ _ABSOLUTE = "#c2560c"
 _BAND = "#7fbf8e"
 _GAP = "#f3d9d4"
 _COLOURS = 24
+_AXES = ("#b3403a", "#3f8f55", "#3563ab")
+# The ground truth where there is no estimate: dotted, below all else.
+_WHOLE: Any = {"color": "#8f9aa5", "linewidth": 1.0, "linestyle": (0, (1, 1.6)), "zorder": 1}
+# On a linear scale the usual error is to be seen beside the largest.
+_MOST_TIMES_THE_USUAL = 40.0
+# Labels this near (of the picture's extent) share one place.
+_TOGETHER = 0.06
 
 # matplotlib types the names of its settings one by one.
 _STYLE: Any = {
@@ -74,6 +83,7 @@ def trajectory(run: Run, series: Series) -> str:
     """From above and in height, coloured by the absolute error."""
     up = vertical_axis(series.ground_truth)
     across, along = (axis for axis in range(3) if axis != up)
+    sign = upwards(up)
     names = "xyz"
     colours = {
         "cmap": mpl.colormaps["viridis"],
@@ -88,14 +98,18 @@ def trajectory(run: Run, series: Series) -> str:
             width_ratios=(1.15, 1.0),
             gridspec_kw={"left": 0.04, "right": 0.885, "bottom": 0.1, "top": 0.93, "wspace": 0.16},
         )
+        _draw_whole(plan, run, across, along)
         _draw_path(plan, series, across, along, colours)
         plan.set_aspect("equal", adjustable="datalim")
         plan.set_title(f"From above: {names[across]}, {names[along]} in metres")
         _label_ends(plan, series, across, along)
 
         spread = 2.0 * np.sqrt(series.position_covariance[:, up, up])
-        truth = series.ground_truth[:, up]
+        truth = sign * series.ground_truth[:, up]
         _shade_gaps(height, series, coverage_gaps(run.ground_truth))
+        if run.way is not None and len(run.way.stamps):
+            seconds = (run.way.stamps - series.start) / SECOND
+            height.plot(seconds, sign * run.way.positions[:, up], **_WHOLE)
         for piece in _pieces(series):
             height.fill_between(
                 series.seconds[piece],
@@ -107,17 +121,29 @@ def trajectory(run: Run, series: Series) -> str:
             )
             height.plot(series.seconds[piece], truth[piece], color=_TRUTH, linewidth=3.0)
         lines = _coloured(
-            np.stack([series.seconds, series.estimate[:, up]], axis=1), series, colours
+            np.stack([series.seconds, sign * series.estimate[:, up]], axis=1), series, colours
         )
         height.add_collection(lines)
         height.autoscale_view()
         height.set_xlim(0.0, max(series.end, 1e-3))
-        height.set_title(f"Height: {names[up]} in metres over time")
+        minus = "" if sign > 0.0 else "−"
+        height.set_title(f"Height: {minus}{names[up]} in metres over time")
         height.set_xlabel("time, s")
         bar = figure.colorbar(lines, cax=figure.add_axes((0.91, 0.2, 0.018, 0.6)), extend="max")
         bar.outline.set_visible(False)
-        bar.set_label("absolute translation error, m")
+        bar.set_label(f"{_kind(series)}, translation, m")
         return _svg(figure, "trajectory")
+
+
+def _draw_whole(axes: Any, run: Run, across: int, along: int) -> None:
+    """All of the ground truth, so that it shows where there is no estimate."""
+    if run.way is not None and len(run.way.stamps):
+        axes.plot(run.way.positions[:, across], run.way.positions[:, along], **_WHOLE)
+
+
+def _kind(series: Series) -> str:
+    """What the errors are called."""
+    return "ATE" if series.is_ate else "error, aligned by likelihood"
 
 
 def _draw_path(axes: Any, series: Series, across: int, along: int, colours: Any) -> None:
@@ -158,22 +184,31 @@ def _draw_ellipses(axes: Any, series: Series, across: int, along: int) -> None:
 
 
 def _label_ends(axes: Any, series: Series, across: int, along: int) -> None:
-    worst = int(np.argmax(series.translation_error))
-    marks = (
-        (0, "start", "o", 5),
-        (-1, "end", "s", -12),
-        (worst, f"worst: {series.translation_error[worst]:.3g} m", "v", 5),
-    )
+    worst = series.worst
+    extent = float(np.ptp(series.estimate[:, [across, along]], axis=0).max())
     middle = np.median(series.estimate[:, across])
-    for index, text, marker, above in marks:
+    # Those at one place share a label, or they would be printed over one another.
+    labels: list[tuple[Array, str]] = []
+    for index, text, marker in (
+        (0, "start", "o"),
+        (-1, "end", "s"),
+        (worst, f"worst: {series.translation_error[worst]:.3g} m", "v"),
+    ):
         place = series.estimate[index, [across, along]]
+        axes.plot(*place, marker, color=_INK, markersize=5, markerfacecolor="white")
+        for number, (other, said) in enumerate(labels):
+            if np.linalg.norm(place - other) <= _TOGETHER * extent:
+                labels[number] = (other, f"{said}, {text}")
+                break
+        else:
+            labels.append((place, text))
+    for place, text in labels:
         # Towards the middle of the picture, so that nothing is cut off.
         left = place[0] > middle
-        axes.plot(*place, marker, color=_INK, markersize=5, markerfacecolor="white")
         axes.annotate(
             text,
             place,
-            xytext=(-7 if left else 7, above),
+            xytext=(-7 if left else 7, 5),
             textcoords="offset points",
             horizontalalignment="right" if left else "left",
             fontsize=8.5,
@@ -182,53 +217,83 @@ def _label_ends(axes: Any, series: Series, across: int, along: int) -> None:
 
 
 def over_time(run: Run, series: Series) -> str:
-    """Errors, log-likelihoods, χ² and coverage on one time axis."""
+    """Errors, as a whole and by axes, log-likelihoods, χ² and coverage on one time axis."""
     gaps = coverage_gaps(run.ground_truth)
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(10.2, 12.4))
+        # χ² by steps is the relative likelihood's, which does not know a scale.
+        scaled = run.summary["gauge"] == "sim3"
+        heights = (1.2, 1.0, 1.2, 1.0, 1.0, 1.0, *(() if scaled else (1.0,)), 0.9)
+        figure = Figure(figsize=(10.2, 1.9 * sum(heights)))
         panels = figure.subplots(
-            6,
+            len(heights),
             1,
             sharex=True,
-            height_ratios=(1.25, 1.25, 1.0, 1.0, 1.0, 0.9),
+            height_ratios=heights,
             gridspec_kw={
                 "left": 0.065,
                 "right": 0.99,
-                "bottom": 0.04,
-                "top": 0.98,
-                "hspace": 0.24,
+                "bottom": 0.045,
+                "top": 0.985,
+                "hspace": 0.26,
             },
         )
-        errors = (
-            (series.translation_error, series.translation_band, "Translation error, m"),
-            (
-                np.degrees(series.rotation_error),
-                np.degrees(series.rotation_band),
-                "Rotation error, degrees",
-            ),
-        )
-        for axes, (error, band, title) in zip(panels[:2], errors, strict=True):
-            _draw_error(axes, series, error, band)
-            axes.set_title(f"{title} (absolute, whole run aligned; logarithmic)")
-        _draw_likelihoods(panels[2], panels[3], run, series)
-        _draw_chi2(panels[4], run, series)
-        _draw_coverage(panels[5], run, series)
+        kind = _kind(series)
+        degrees = np.degrees(series.rotation_error), np.degrees(series.rotation_band)
+        _draw_error(panels[0], series, series.translation_error, series.translation_band)
+        _title(panels[0], f"{kind}, translation, m")
+        _draw_axes(panels[1], series, series.translation_axes)
+        panels[1].set_title("The same along the world's axes, m")
+        _draw_error(panels[2], series, *degrees)
+        _title(panels[2], f"{kind}, rotation, degrees")
+        _draw_axes(panels[3], series, np.degrees(series.rotation_axes))
+        panels[3].set_title("The same about the world's axes, degrees")
+        _draw_likelihoods(panels[4], panels[5], run, series)
+        if not scaled:
+            _draw_chi2(panels[6], run, series)
+        _draw_coverage(panels[-1], run, series)
         for axes in panels:
             _shade_gaps(axes, series, gaps)
             axes.set_xlim(0.0, max(series.end, 1e-3))
             axes.tick_params(labelbottom=axes is panels[-1])
-        panels[-1].set_xlabel("time, s; shaded: no ground truth")
+        below = ""
+        if run.way is not None and len(run.way.stamps) > 1:
+            panels[-1].xaxis.set_major_formatter(FuncFormatter(_with_distance(run.way, series)))
+            below = " (below: distance along the ground truth)"
+        panels[-1].set_xlabel(f"time, s{below}; shaded: no ground truth")
         return _svg(figure, "time")
 
 
+def _with_distance(way: Way, series: Series) -> Callable[[float, object], str]:
+    """Labels of the time axis with the distance that the ground truth has gone by then."""
+    stamps = (way.stamps - series.start) / SECOND
+
+    def label(seconds: float, _: object) -> str:
+        distance = float(np.interp(seconds, stamps, way.lengths))
+        return (
+            f"{seconds:g}\n{distance:,.0f} m"
+            if distance >= 100.0
+            else (f"{seconds:g}\n{distance:.3g} m")
+        )
+
+    return label
+
+
+def _title(axes: Any, text: str) -> None:
+    logarithmic = " (logarithmic)" if axes.get_yscale() == "log" else ""
+    axes.set_title(f"{text}{logarithmic}")
+
+
 def _draw_error(axes: Any, series: Series, error: Array, band: Array) -> None:
-    low = 0.5 * min(float(error[error > 0].min(initial=np.inf)), float(band.min()))
-    low = max(low, 0.02 * float(np.median(band)))
+    """An error and the band of what the ground truth is known to, on a scale made for the error."""
+    largest, usual = float(error.max()), float(np.median(error))
+    logarithmic = largest > _MOST_TIMES_THE_USUAL * usual > 0.0
+    low = 0.3 * float(np.quantile(error[error > 0.0], 0.02)) if logarithmic else 0.0
+    high = (2.0 if logarithmic else 1.08) * max(largest, 1.5 * float(np.median(band)), 1e-9)
     for count, piece in enumerate(_pieces(series)):
         axes.fill_between(
             series.seconds[piece],
             low,
-            band[piece],
+            np.clip(band[piece], low, high),
             color=_BAND,
             alpha=0.6,
             linewidth=0,
@@ -240,12 +305,29 @@ def _draw_error(axes: Any, series: Series, error: Array, band: Array) -> None:
             color=_ESTIMATE,
             label="error of the estimate" if count == 0 else None,
         )
-    axes.set_yscale("log")
-    axes.set_ylim(bottom=low)
-    axes.yaxis.set_major_locator(LogLocator(numticks=7))
-    axes.minorticks_off()
+    if logarithmic:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(numticks=7))
+        axes.minorticks_off()
+    axes.set_ylim(low, high)
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     _legend(axes)
+
+
+def _draw_axes(axes: Any, series: Series, errors: Array) -> None:
+    """Errors (B, 3) by the world's axes."""
+    for axis, (name, colour) in enumerate(zip("xyz", _AXES, strict=True)):
+        for count, piece in enumerate(_pieces(series)):
+            axes.plot(
+                series.seconds[piece],
+                errors[piece, axis],
+                color=colour,
+                linewidth=1.0,
+                label=name if count == 0 else None,
+            )
+    axes.axhline(0.0, color=_GRID, linewidth=1.0)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _legend(axes, columns=3)
 
 
 def _draw_likelihoods(running: Any, windowed: Any, run: Run, series: Series) -> None:
@@ -261,12 +343,13 @@ def _draw_likelihoods(running: Any, windowed: Any, run: Run, series: Series) -> 
             windowed,
             series.window_relative,
             series.window_absolute,
-            f"Log-likelihood gained in the last {duration:g} s, nats",
+            f"Log-likelihood gained within {duration:g} s, given all before, nats",
         ),
     ):
         # The relative one lies under the absolute one where they are the same, as they often are.
-        axes.plot(series.ends, relative, color=_ESTIMATE, linewidth=2.6, label="relative (RE)")
-        axes.plot(series.ends, absolute, color=_ABSOLUTE, linewidth=1.1, label="absolute (AE)")
+        if run.summary["gauge"] != "sim3":
+            axes.plot(series.ends, relative, color=_ESTIMATE, linewidth=2.6, label="relative")
+        axes.plot(series.ends, absolute, color=_ABSOLUTE, linewidth=1.1, label="absolute")
         axes.set_title(title)
         axes.yaxis.set_major_formatter(FuncFormatter(_compact))
         _legend(axes)
@@ -286,12 +369,12 @@ def _draw_chi2(axes: Any, run: Run, series: Series) -> None:
         label="as good as the ground truth (99 % of such windows)",
     )
     axes.axhline(1.0, color="#3f8f55", linewidth=0.7)
-    axes.plot(seconds, series.window_chi2[known] / dof, color=_ESTIMATE, label="relative (RE)")
+    axes.plot(seconds, series.window_chi2[known] / dof, color=_ESTIMATE, label="relative")
     axes.set_yscale("log")
     axes.minorticks_off()
     axes.yaxis.set_major_formatter(FuncFormatter(_compact))
     duration = run.parameters["window.duration"]
-    axes.set_title(f"χ² per degree of freedom in the last {duration:g} s (logarithmic)")
+    axes.set_title(f"χ²/dof gained within {duration:g} s, given all before (logarithmic)")
     _legend(axes)
 
 
@@ -309,9 +392,9 @@ def _draw_coverage(axes: Any, run: Run, series: Series) -> None:
     _legend(axes)
 
 
-def _legend(axes: Any) -> None:
+def _legend(axes: Any, columns: int = 2) -> None:
     """Beside the title, where no curve runs."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=columns)
 
 
 def _shade_gaps(axes: Any, series: Series, gaps: Sequence[Gap]) -> None:

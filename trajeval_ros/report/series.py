@@ -25,7 +25,9 @@ class Series:
     Seconds count from ``start`` on the ground truth's clock.
     ``seconds`` (B,) of each bucket's worst pose with ``ground_truth`` (B, 3) and ``estimate``
     (B, 3), aligned, positions in the ground truth's world, ``translation_error``,
-    ``rotation_error`` (B,) in m and rad under the alignment of the whole run,
+    ``rotation_error`` (B,) in m and rad, under ATE's alignment (``is_ate``), or, where the motion
+    does not show that, under the likelihood's; ``translation_axes``, ``rotation_axes`` (B, 3) the
+    same along and about the world's axes;
     ``translation_band``, ``rotation_band`` (B,) two standard deviations of the ground truth along
     its least certain axis, ``position_covariance`` (B, 3, 3) in the world's axes.
 
@@ -39,8 +41,11 @@ class Series:
     seconds: Array
     ground_truth: Array
     estimate: Array
+    is_ate: bool
     translation_error: Array
     rotation_error: Array
+    translation_axes: Array
+    rotation_axes: Array
     translation_band: Array
     rotation_band: Array
     position_covariance: Array
@@ -51,6 +56,14 @@ class Series:
     window_absolute: Array
     window_chi2: Array
     window_dof: Array
+
+    @property
+    def worst(self) -> int:
+        """Index of the bucket that is furthest off beyond what the ground truth is known to.
+
+        Where the ground truth is a guess itself, in a gap, a large difference says little.
+        """
+        return int(np.argmax(self.translation_error - self.translation_band))
 
     @property
     def breaks(self) -> npt.NDArray[np.intp]:
@@ -83,11 +96,10 @@ def make_series(run: Run) -> Series:
     """Compute the series of a run with at least one evaluated pose."""
     buckets = run.buckets
     start, end = span(run)
-    alignment = run.summary["absolute"]["alignment"]
-    pose = np.array(alignment["pose"])
-    similarity = Similarity(se3.from_position_quaternion(pose[:3], pose[3:]), alignment["scale"])
+    similarity, is_ate = _alignment(run)
     estimate = similarity.apply(buckets["estimate"])
     error = se3.log(se3.compose(se3.inverse(buckets["ground_truth"]), estimate))
+    difference = estimate[:, :3, 3] - buckets["ground_truth"][:, :3, 3]
     covariance = buckets["covariance"]
     rotation = buckets["ground_truth"][:, :3, :3]
     clock = offset(run)
@@ -106,8 +118,11 @@ def make_series(run: Run) -> Series:
         seconds=(buckets["stamp"] + clock - start) / SECOND,
         ground_truth=buckets["ground_truth"][:, :3, 3],
         estimate=estimate[:, :3, 3],
-        translation_error=np.linalg.norm(error[:, :3], axis=-1),
+        is_ate=is_ate,
+        translation_error=np.linalg.norm(difference, axis=-1),
         rotation_error=np.linalg.norm(error[:, 3:], axis=-1),
+        translation_axes=difference,
+        rotation_axes=np.einsum("bij,bj->bi", rotation, error[:, 3:]),
         translation_band=2.0 * _widest(covariance[:, :3, :3]),
         rotation_band=2.0 * _widest(covariance[:, 3:, 3:]),
         position_covariance=rotation @ covariance[:, :3, :3] @ rotation.swapaxes(-1, -2),
@@ -121,21 +136,35 @@ def make_series(run: Run) -> Series:
     )
 
 
+def _alignment(run: Run) -> tuple[Similarity, bool]:
+    """The estimate's world in the ground truth's, and whether it is the one that ATE is under."""
+    conventional = run.summary["conventional"]
+    is_ate = None not in (
+        conventional.get("ate_translation_rmse"),
+        conventional.get("ate_rotation_rmse"),
+    )
+    found = conventional["alignment"] if is_ate else run.summary["absolute"]["alignment"]
+    pose = np.array(found["pose"])
+    return Similarity(se3.from_position_quaternion(pose[:3], pose[3:]), found["scale"]), is_ate
+
+
 def _widest(covariance: Array) -> Array:
     """Standard deviation along the least certain axis, (...,), of covariances (..., 3, 3)."""
     return np.asarray(np.sqrt(np.linalg.eigvalsh(covariance)[..., -1]))
 
 
 def vertical_axis(positions: Array) -> int:
-    """Return the axis to take for the height: z, unless the run extends far less along another.
-
-    Camera frames have y down.
-    """
+    """Return the axis to take for the height: z, unless the run extends far less along another."""
     if len(positions) == 0:
         return 2
     extent = np.ptp(positions, axis=0)
     least = int(np.argmin(extent))
     return least if extent[least] < 0.25 * extent[2] else 2
+
+
+def upwards(axis: int) -> float:
+    """Return the sign of what is up along the axis of the height: a camera has its y down."""
+    return -1.0 if axis == 1 else 1.0
 
 
 def coverage_gaps(coverage: Coverage) -> list[Gap]:

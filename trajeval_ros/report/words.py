@@ -15,6 +15,7 @@ from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS
 from trajeval_ros.likelihood.figures import p_value as two_sided_p_value
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS
+from trajeval_ros.report import covered
 from trajeval_ros.report.coverage import SECOND, Coverage
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import Series, coverage_gaps, span
@@ -24,6 +25,7 @@ Row = tuple[str, str, str]
 
 _DASH = "–"
 _NOT_TOLD_APART = 0.01
+_UNSCALED = ("Relative ", "Pose to pose", "Absolute, first order")
 # The noise of a sample is the assumed accuracy where it is no more than this times as large.
 _OF_THE_FLOOR = 1.5
 
@@ -48,6 +50,8 @@ def length(metres: float | None) -> str:
     """Return a length in the unit that suits it."""
     if metres is None:
         return _DASH
+    if metres >= 1000.0:
+        return f"{metres:,.0f} m"
     for unit, size in (("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
         if metres >= size:
             return f"{metres / size:.3g} {unit}"
@@ -74,18 +78,20 @@ def verdict(run: Run, series: Series | None) -> str:
     summary = run.summary
     if series is None:
         return "No estimate has been evaluated."
-    # Where the ground truth itself is not known, in a gap, a large difference says little.
-    worst = int(np.argmax(series.translation_error - series.translation_band))
-    sentences = []
-    relative = summary["relative"]
-    probability = p_value(relative)
+    worst = series.worst
+    sentences = [_covered(summary["coverage"])]
+    # A relative likelihood does not know the scale.
+    which = "absolute" if summary["gauge"] == "sim3" else "relative"
+    likelihood = summary[which]
+    probability = p_value(likelihood)
     if probability is not None:
-        worth = math.sqrt(relative["chi2_per_dof"])
+        worth = math.sqrt(likelihood["chi2_per_dof"])
         if probability > _NOT_TOLD_APART or worth < 1.0:
             sentences.append("The estimate cannot be told from the ground truth.")
         else:
+            over = "Once aligned" if which == "absolute" else "From one estimate to the next"
             sentences.append(
-                "From one estimate to the next, the error is worth"
+                f"{over}, the error is worth"
                 f" <b>{number(worth, 3)} standard deviations</b> of the ground truth."
             )
     sentences.append(
@@ -95,6 +101,16 @@ def verdict(run: Run, series: Series | None) -> str:
     )
     sentences.append(_trust(run, series))
     return " ".join(sentences)
+
+
+def _covered(coverage: Figures) -> str:
+    """How much of the run there is an estimate for."""
+    lost = covered.losses(coverage)
+    share = coverage["time"]
+    if share is None:
+        return ""
+    text = f"The estimate covers <b>{covered.percent(share)}</b> of {coverage['duration']:.3g} s"
+    return f"{text}{': it was ' + lost if lost else ''}."
 
 
 def _trust(run: Run, series: Series) -> str:
@@ -128,10 +144,12 @@ def _assumed(run: Run) -> str:
 def tiles(run: Run, series: Series | None) -> list[Row]:
     """Return the figures that everybody looks for first."""
     summary = run.summary
-    conventional, relative = summary["conventional"], summary["relative"]
+    scaled = summary["gauge"] == "sim3"
+    which = "absolute" if scaled else "relative"
+    conventional, likelihood = summary["conventional"], summary[which]
     estimate = summary["estimate"]
     gauge = "not aligned" if summary["gauge"] == "none" else f"aligned, {summary['gauge']}"
-    ratio = relative.get("chi2_per_dof")
+    ratio = likelihood.get("chi2_per_dof")
     return [
         (
             "Absolute error, ATE",
@@ -143,11 +161,13 @@ def tiles(run: Run, series: Series | None) -> list[Row]:
             length(conventional.get("re_translation_rmse")),
             f"and {angle(conventional.get('re_rotation_rmse'))}, RMSE",
         ),
+        ("Coverage", *_coverage(summary["coverage"])),
         (
-            "Relative log-likelihood",
-            _short(relative.get("log_likelihood")),
-            f"nats; χ²/dof {_short(ratio)}, p-value {_probability(p_value(relative))}",
+            f"{which.capitalize()} log-likelihood",
+            _short(likelihood.get("log_likelihood")),
+            f"nats; χ²/dof {_short(ratio)}, p-value {_probability(p_value(likelihood))}",
         ),
+        *([("Scale of the estimate", *_scale(summary))] if scaled else []),
         (
             "Estimates evaluated",
             f"{estimate['evaluated']:,}",
@@ -155,6 +175,27 @@ def tiles(run: Run, series: Series | None) -> list[Row]:
         ),
         ("Ground truth", _rate(run.ground_truth), _samples(run)),
     ]
+
+
+def _coverage(coverage: Figures) -> tuple[str, str]:
+    if coverage["time"] is None:
+        return _DASH, ""
+    distance = coverage["distance"]
+    way = f"of {coverage['duration']:.3g} s"
+    if distance is not None:
+        way += f", {covered.percent(distance)} of {length(coverage['path_length'])}"
+    lost = covered.losses(coverage)
+    return covered.percent(coverage["time"]), f"{way}; {lost or 'never lost'}"
+
+
+def _scale(summary: Figures) -> tuple[str, str]:
+    """The scale of ATE's alignment, with the standard deviation that the error model knows."""
+    found = summary["conventional"]["alignment"]["scale"]
+    std = (summary.get("error_model") or {}).get("scale", {}).get("std")
+    if found is None:
+        return _DASH, ""
+    known = f" ± {std:.2g}" if std else ""
+    return f"{found:.5g}{known}", "ground-truth metres to one of the estimate's"
 
 
 def _step(run: Run) -> str:
@@ -207,47 +248,47 @@ def figures(run: Run) -> list[Row]:
     last = f"the last {run.parameters['window.duration']:g} s"
     rows = [
         (
-            "RE, log-likelihood",
+            "Relative log-likelihood",
             f"{number(relative.get('log_likelihood'))} nats",
             f"of the motion between neighbouring estimates, over the whole run;"
             f" {number(relative.get('nats_per_pose'))} nats a pose",
         ),
         (
-            "RE, χ²",
+            "Relative χ²",
             number(relative.get("chi2")),
             f"with {number(relative.get('dof'))} degrees of freedom; p-value"
             f" {_probability(p_value(relative))}",
         ),
         (
-            "RE, log-determinant",
+            "Relative log-determinant",
             number(relative.get("log_det")),
             "how uncertain the ground truth is: larger where it is known less well",
         ),
         (
-            "RE, χ² per degree of freedom",
+            "Relative χ² per degree of freedom",
             number(relative.get("chi2_per_dof")),
             "1 for an estimate as good as the ground truth",
         ),
         (
-            "RE, translation and rotation",
+            "Pose to pose, translation and rotation",
             f"{length(relative.get('translation_rmse'))}, {angle(relative.get('rotation_rmse'))}",
-            "RMSE from one estimate to the next",
+            "RMSE of the step from one estimate to the next",
         ),
         (
-            "AE, log-likelihood",
+            "Absolute log-likelihood",
             f"{number(absolute.get('log_likelihood'))} nats",
             f"running, integrated over the gauge {summary['gauge']}",
         ),
         (
-            "AE, first order",
+            "Absolute, first order",
             f"{number(absolute.get('log_likelihood_first_order'))} nats",
-            "the paper's; equal to RE up to round-off",
+            "the paper's; equal to the relative one up to round-off",
         ),
     ]
     if absolute.get("log_likelihood_nonlinear") is not None:
         rows.append(
             (
-                "AE, nonlinear",
+                "Absolute, nonlinear",
                 f"{number(absolute['log_likelihood_nonlinear'])} nats",
                 "over all poses at the best alignment; its distance from first order says how far"
                 " first order holds",
@@ -255,27 +296,27 @@ def figures(run: Run) -> list[Row]:
         )
     rows += [
         (
-            "AE, χ² per degree of freedom",
+            "Absolute χ² per degree of freedom",
             number(absolute.get("chi2_per_dof")),
             f"with {number(absolute.get('dof'))} degrees of freedom",
         ),
         (
-            "AE, translation and rotation",
+            "Aligned by likelihood, translation and rotation",
             f"{length(absolute.get('translation_rmse'))}, {angle(absolute.get('rotation_rmse'))}",
             "RMSE under the likelihood-weighted alignment",
         ),
         (
-            f"RE in {last}",
+            f"Relative log-likelihood of {last}",
             f"{number(window['relative'].get('log_likelihood'))} nats",
-            f"χ²/dof {number(window['relative'].get('chi2_per_dof'))}; comparable between runs",
+            f"χ²/dof {number(window['relative'].get('chi2_per_dof'))}; taken alone, so it compares",
         ),
         (
-            f"AE in {last}",
+            f"Absolute log-likelihood of {last}",
             f"{number(window['absolute'].get('log_likelihood'))} nats",
             f"χ²/dof {number(window['absolute'].get('chi2_per_dof'))}; nonlinear, aligned anew",
         ),
         (
-            f"Noise-equivalent error in {last}",
+            f"Noise-equivalent error of {last}",
             ", ".join(equivalent),
             "the white noise that explains the errors, the ground truth's own share taken out",
         ),
@@ -294,6 +335,9 @@ def figures(run: Run) -> list[Row]:
         ),
         *_distribution(conventional, "re", "RE"),
     ]
+    if summary["gauge"] == "sim3":
+        # A step of the estimate is not in metres, and its likelihood means nothing.
+        return [row for row in rows if not row[0].startswith(_UNSCALED)]
     return rows
 
 
