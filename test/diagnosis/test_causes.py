@@ -2,21 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every mistake is named, with what undoes it; inaccurate data are not mistaken for one."""
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 import pytest
+from twins.real_pairs import real_pair
 
 from trajeval_ros import se3
 from trajeval_ros.commands.simulation import SECOND, motion
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.causes import likely_causes
-from trajeval_ros.files.tum import read_tum
 
 Array = npt.NDArray[np.float64]
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 WORLD = se3.exp(np.array([4.0, -2.0, 0.5, 0.4, -0.3, 2.1]))
 SECONDS = np.arange(5.0, 65.0, 0.05)
 STAMPS = 1_750_000_000 * SECOND + np.rint(SECONDS * SECOND).astype(np.int64)
@@ -89,6 +86,8 @@ def scaled(poses: Array, factor: float) -> Array:
     [
         (1.0, 1000.0, "millimetres", "the estimate is in millimetres"),
         (1000.0, 1.0, "millimetres", "the ground truth is in millimetres"),
+        (1.0, 100.0, "centimetres", "the estimate is in centimetres"),
+        (100.0, 1.0, "centimetres", "the ground truth is in centimetres"),
         (1.0, 1.3, "scale", "scale 0.769"),
         (1.0, 0.02, "scale", "scale 50"),
     ],
@@ -203,22 +202,6 @@ def test_no_false_alarm_in_a_part_of_a_real_pair(directory: str, name: str) -> N
         for begin in range(int(stamps[0]), int(stamps[-1]), 5 * SECOND):
             part = (stamps >= begin) & (stamps < begin + seconds * SECOND)
             assert likely_causes(stamps[part], truth[part], other[part], "se3") == ()
-
-
-def real_pair(directory: str, name: str) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """Stamps, ground truth and estimate, associated by the nearest stamp."""
-    paths = [DATA / directory / f"{each}.txt" for each in ("groundtruth", name)]
-    if not all(path.is_file() for path in paths):
-        pytest.skip(f"the real data is not here: {paths[0].parent}")
-    truth, other = map(read_tum, paths)
-    nearest = np.searchsorted(truth.stamps, other.stamps).clip(1, len(truth) - 1)
-    nearest -= other.stamps - truth.stamps[nearest - 1] < truth.stamps[nearest] - other.stamps
-    near = np.abs(truth.stamps[nearest] - other.stamps) < SECOND // 100
-    known, scored = [
-        se3.from_position_quaternion(each.positions[rows], each.quaternions[rows])
-        for each, rows in ((truth, nearest[near]), (other, near))
-    ]
-    return other.stamps[near], known, scored
 
 
 @pytest.mark.parametrize("applied", [0.0, -0.2, 0.5, -1.0])

@@ -227,7 +227,7 @@ def test_a_likely_cause_is_said_while_the_run_goes_on(rig: Rig) -> None:
     rig.play(truth, estimate)
     status = rig.graph.until_health("consistency", "in the order w x y z", level=1)
     values = values_of(status)
-    assert "of the rotation is unexplained" in values["likely_cause_quaternion_order"]
+    assert "deg as it stands" in values["likely_cause_quaternion_order"]
     assert values["advice_quaternion_order"] == "write the estimate's quaternions as x y z w"
     rig.graph.until(lambda: "likely cause: the estimate's" in rig.node.output, "a line in the log")
     # Mended: saving looks for causes again, and the diagnostics after it say what it found.

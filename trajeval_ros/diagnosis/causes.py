@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.clock import clock_offset
-from trajeval_ros.diagnosis.orientation import misread_or_turned
+from trajeval_ros.diagnosis.orientation import as_written
 from trajeval_ros.diagnosis.rotations import FEWEST, Array, Stamps
 from trajeval_ros.diagnosis.scale import wrong_scale
 from trajeval_ros.diagnosis.unchanging import constant_orientation, stuck
@@ -39,11 +38,13 @@ def likely_causes(
     still = stuck(ground_truth, estimate)
     if still:
         return still
-    scale = wrong_scale(stamps, ground_truth[:, :3, 3], estimate[:, :3, 3], gauge)
-    rotations = ground_truth[:, :3, :3], estimate[:, :3, :3]
-    constant = constant_orientation(stamps, *rotations)
+    constant = constant_orientation(stamps, ground_truth[:, :3, :3], estimate[:, :3, :3])
     if constant:
+        scale = wrong_scale(stamps, ground_truth[:, :3, 3], estimate[:, :3, 3], gauge)
         return (*constant, *scale)
     applied = np.eye(4) if extrinsic is None else extrinsic
-    turned = misread_or_turned(stamps, *rotations, se3.inverse(applied)[:3, :3].T)
-    return (*turned, *scale, *clock_offset(stamps, *rotations, time_offset))
+    written, ground_truth, estimate = as_written(stamps, ground_truth, estimate, gauge, applied)
+    # What is left is looked for in the poses as they were meant.
+    scale = wrong_scale(stamps, ground_truth[:, :3, 3], estimate[:, :3, 3], gauge)
+    rotations = ground_truth[:, :3, :3], estimate[:, :3, :3]
+    return (*written, *scale, *clock_offset(stamps, *rotations, time_offset))

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.readings import Figures, best_reading, compared
 from trajeval_ros.diagnosis.rotations import (
     STEP,
     Array,
@@ -32,6 +33,45 @@ from trajeval_ros.diagnosis.rotations import (
 # Real estimates leave 0.02 to 0.15 unexplained, a wrongly read quaternion 0.7 to 2.
 _WRONG = 0.4
 _EXPLAINED = 0.25
+
+
+def as_written(
+    stamps: Stamps, ground_truth: Array, estimate: Array, gauge: str, applied: Array
+) -> tuple[tuple[Cause, ...], Array, Array]:
+    """Poses written or read in another way, and both trajectories (N, 4, 4) as they were meant.
+
+    As they were evaluated: the estimate moved by ``applied``, T_gtbody_estbody (4, 4), already;
+    what is found is of the poses as they came. Where the positions tell no alignment, as along a
+    line, the rotations alone are asked.
+    """
+    standing, _ = compared(ground_truth, estimate, gauge)
+    if not standing.wrong:
+        return (), ground_truth, estimate
+    set_before = float(np.linalg.norm(se3.log_so3(applied[:3, :3]))) > 0.0
+    came = se3.compose(estimate, applied) if set_before else estimate
+    if set_before:
+        without, _ = compared(ground_truth, came, gauge)
+        if without.explains(standing):
+            return (_needless_extrinsic(standing, without),), ground_truth, came
+    found = best_reading(ground_truth, came, gauge, standing)
+    if found is None:
+        rotations = ground_truth[:, :3, :3], estimate[:, :3, :3]
+        # Where the positions tell the alignment, they have said that no reading helps.
+        turned = () if standing.known else misread_or_turned(stamps, *rotations, applied[:3, :3])
+        return turned, ground_truth, estimate
+    cause, reading = found
+    if reading is None:
+        return (cause,), ground_truth, estimate
+    return (cause,), *reading.applied(ground_truth, came)
+
+
+def _needless_extrinsic(standing: Figures, without: Figures) -> Cause:
+    return Cause(
+        "body_frame",
+        f"the rotation of the extrinsic does not fit: the ATE is {standing} with it, {without}"
+        " without",
+        "set extrinsic=0,0,0,0,0,0,1, with the lever arm for the first three",
+    )
 
 
 def misread_or_turned(

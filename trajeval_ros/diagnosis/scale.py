@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from trajeval_ros.alignment.umeyama import align_positions
@@ -18,6 +20,7 @@ _GROSS_SCALE = 0.5
 _SCALE_SPAN = 15.0
 _GAIN = 0.6
 _MOVING = 0.3
+_UNITS = {"millimetres": 1000, "centimetres": 100}
 
 
 def wrong_scale(
@@ -37,13 +40,14 @@ def wrong_scale(
         return ()
     evidence = f"aligned with the scale {scale:.4g} the error falls from {rigid.rmse:.3g} m"
     evidence += f" to {similar.rmse:.3g} m"
-    for title, factor in (("estimate", 1e-3), ("ground truth", 1e3)):
+    for (unit, number), title in itertools.product(_UNITS.items(), ("estimate", "ground truth")):
+        factor = 1.0 / number if title == "estimate" else float(number)
         if abs(np.log10(scale / factor)) < 0.1:
             return (
                 Cause(
-                    "millimetres",
-                    f"the {title} is in millimetres: {evidence}",
-                    f"divide the {title}'s positions by 1000",
+                    unit,
+                    f"the {title} is in {unit}: {evidence}",
+                    f"divide the {title}'s positions by {number}",
                 ),
             )
     return (Cause("scale", f"the estimate's scale is not 1: {evidence}", "set gauge=sim3"),)
