@@ -81,10 +81,22 @@ class Likelihood:
         self.unpacked = np.empty((size, size), dtype=np.intp)
         self.unpacked[rows, columns] = self.unpacked[columns, rows] = np.arange(len(rows))
         self.apart = np.abs(times[:, rows] - times[:, columns])
+        self._known: list[tuple[float, tuple[Array, Array]] | None] = [None] * len(kernels)
 
     def __call__(self, log_parameters: Array) -> Fit:
         """Return the log-likelihood, whose slope and information can then be asked for."""
         return Fit(self, log_parameters)
+
+    def correlation(self, kernel: int, length: float) -> tuple[Array, Array]:
+        """A kernel's ``ρ`` of length scale ``length`` (s) and ``∂ρ/∂log l``, packed.
+
+        The last one is kept: regimes differ in their σ alone.
+        """
+        known = self._known[kernel]
+        if known is None or known[0] != length:
+            found = self.kernels[kernel].with_slope(self.apart * (1.0 / length))
+            self._known[kernel] = known = length, found
+        return known[1]
 
     def packed(self, matrices: Array) -> Array:
         """The lower triangles of (n, n) each."""
@@ -106,13 +118,11 @@ class Fit:
         self._data = data
         signals, lengths = np.exp(log_parameters[:-1:2]), np.exp(log_parameters[1:-1:2])
         self._noise = math.exp(log_parameters[-1]) ** 2
-        # Each kernel's part of K and its slope in log l, packed.
-        self._parts: list[tuple[Array, Array]] = []
-        for kernel, signal, length in zip(data.kernels, signals, lengths, strict=True):
-            correlation, slope = kernel.with_slope(data.apart * (1.0 / length))
-            correlation *= signal**2
-            slope *= signal**2
-            self._parts.append((correlation, slope))
+        # Each kernel's σ², and what it is to be multiplied with: its part of K, its slope in log l.
+        self._parts = [
+            (signal**2, *data.correlation(kernel, length))
+            for kernel, (signal, length) in enumerate(zip(signals, lengths, strict=True))
+        ]
         self.values = np.full(len(data.counts), -math.inf)
         """Each record's; (m,)."""
         self.fits = np.full(len(data.counts), math.inf)
@@ -122,7 +132,9 @@ class Fit:
     def _factored(self) -> float:
         """Factor; let ``ones`` be K⁻¹ 1 (m, n), ``alpha`` Π x (m, n, c); return the likelihood."""
         data = self._data
-        covariance = np.add.reduce([part for part, _ in self._parts])
+        covariance = np.zeros_like(data.apart)
+        for variance, correlation, _ in self._parts:
+            covariance += variance * correlation
         covariance[:, data.diagonal] += self._noise + data.variances
         records, size = data.variances.shape
         flat = np.zeros((records, size * size))
@@ -180,8 +192,8 @@ class Fit:
         trace = float(np.take(packed, data.diagonal, axis=1).sum())
         packed[:, data.diagonal] *= 0.5  # every other entry stands for two
         slopes = [
-            s
-            for part, slope in self._parts
+            variance * s
+            for variance, part, slope in self._parts
             for s in (2.0 * np.vdot(packed, part), np.vdot(packed, slope))
         ]
         return np.array([*slopes, self._noise * trace])
@@ -190,8 +202,11 @@ class Fit:
     def information(self) -> Array:
         """The average information, where K is positive definite; (2k + 1, 2k + 1)."""
         data, alpha, ones = self._data, self._alpha, self._ones[:, :, None]
-        slopes = [m for part, slope in self._parts for m in (2.0 * part, slope)]
-        turned = [data.full(slope) @ alpha for slope in slopes]  # ∂K/∂θ Π x
+        turned = [  # ∂K/∂θ Π x
+            data.full(slope) @ (factor * alpha)
+            for variance, *slopes in self._parts
+            for factor, slope in zip((2.0 * variance, variance), slopes, strict=True)
+        ]
         left = np.concatenate([*turned, 2.0 * self._noise * alpha], axis=2)
         right = data.full(data.packed(self._inverses)) @ left
         right -= ones * (ones.swapaxes(1, 2) @ left / self._information[:, None, None])
