@@ -58,12 +58,16 @@ def test_is_the_sum_of_its_kernels(kernels, numbers, seed):
 def test_is_markov(kernels, numbers, times):
     markov, plain = both(tuple(kernels), *numbers)
     before, between, after = (markov.powers(np.array([[each]])) for each in times)
-    past, step = markov.past(before)[:, 0, 0], markov.transition(between)[:, 0]
+    past, step = markov.past(before, 2)[:, :, 0, 0], markov.transition(between)[:, 0]
     future = markov.future(after, 2)[:, :, 0, 0]
-    expected = plain.cross(np.array([[sum(times)]]), 2)[:, :, 0, 0]
-    found = np.einsum("gi,gij,kgj->kg", past, step, future)
-    np.testing.assert_allclose(found[0], expected[0], rtol=1e-12)
-    np.testing.assert_allclose(found[1], expected[1], rtol=1e-9, atol=1e-12)
+    apart = np.array([[sum(times)]])
+    later, earlier = (plain.cross(sign * apart, 2)[:, :, 0, 0] for sign in (1, -1))
+    value, slope = np.einsum("gi,gij,kgj->kg", past[0], step, future)
+    np.testing.assert_allclose(value, later[0], rtol=1e-12)
+    np.testing.assert_allclose(slope, later[1], rtol=1e-9, atol=1e-12)
+    slope = np.einsum("gi,gij,gj->g", past[1], step, future[0])
+    if sum(times) > 0.0:
+        np.testing.assert_allclose(slope, earlier[1], rtol=1e-9, atol=1e-12)
 
 
 def test_slope_is_the_derivative_of_what_moves():

@@ -16,6 +16,9 @@ t it is ``W f`` with its ``future`` f, so that only the blocks from there on nee
 
     v_b = L_b⁻¹ (k_b - F S),   S <- Φᵀ S + W_bᵀ v_b,   S = M f.
 
+In the blocks after its own ``k_b = F p`` with the query's ``past`` p up to the end before them, so
+that ``S - p`` goes on as S does.
+
 With any other kernel ``W = L⁻¹ k`` is solved for in each block, and F is the identity.
 """
 
@@ -41,7 +44,7 @@ Counts = npt.NDArray[np.intp]
 _BLOCK = 32
 _PANEL = 8
 # So many panels at a time stay in the processor's cache.
-_PANELS = 8
+_PANELS = 32
 _ROWS, _COLUMNS = np.tril_indices(_BLOCK)
 _LOWER = _ROWS * _BLOCK + _COLUMNS
 
@@ -234,7 +237,7 @@ class MarkovFactor(Factor):
         self._ahead[:, first:until, :_BLOCK] = future
         self._ahead[:, first:until, _BLOCK:] = np.swapaxes(step, 2, 3)
         self._ahead[:, 0] = 0.0
-        return self._kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])
+        return np.asarray(self._kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])[0])
 
     def first_blocks(self, times: Array, counts: Counts) -> Counts:
         """The block that each query must begin with: those before it end before it; (q,)."""
@@ -242,19 +245,30 @@ class MarkovFactor(Factor):
         return np.minimum(np.searchsorted(ends, times, side="right"), (counts - 1) // _BLOCK)
 
     def whitened(self, times: Array, counts: Counts) -> Array:
-        """From the first block on."""
-        found = np.zeros((self._groups, len(times), rounded_up(int(counts.max(initial=0)))))
+        """Before a query's own block by its ``future``, from there on as `products`."""
+        size = rounded_up(int(counts.max(initial=0)))
+        found = np.zeros((self._groups, len(times), size // _BLOCK, _BLOCK))
         if not len(times):
-            return found
-        panels = _Panels.of([(self, times, counts)], np.zeros_like(counts))
-        size = len(panels.block)
-        state = np.zeros((1, self._groups, size, _PANEL, self._kernel.rank))
-        for b, (here, white, _) in enumerate(_walk(panels, state)):
-            panel = np.zeros((self._groups, size, _PANEL, _BLOCK))
-            panel[:, here] = white[0]
-            rows = panel.reshape(self._groups, -1, _BLOCK)[:, panels.slots]
-            found[:, :, b * _BLOCK : (b + 1) * _BLOCK] = rows
-        return found
+            return found.reshape(self._groups, 0, size)
+        first = self.first_blocks(times, counts)
+        for b in range(int(first.max())):
+            late = np.flatnonzero(first > b)
+            apart = np.zeros((1, _in_panels(len(late))))
+            apart[0, : len(late)] = times[late] - self.times[_BLOCK * (b + 1) - 1]
+            powers = self._kernel.powers(apart.reshape(-1, _PANEL))
+            past = np.swapaxes(self._solved[:, b, None, :, self._columns :], 2, 3)
+            rows = self._kernel.future(powers)[0] @ past
+            found[:, late, b] = rows.reshape(self._groups, -1, _BLOCK)[:, : len(late)]
+        panels = _Panels.of([(self, times, counts)], first)
+        panel = panels.slots // _PANEL
+        for further, (here, white, _) in enumerate(_walk(panels, _begun(panels, 1)[0])):
+            rows = np.zeros((self._groups, len(panels.block), _PANEL, _BLOCK))
+            rows[:, here] = white[0]
+            asked = np.flatnonzero(np.isin(panel, here))
+            place = rows.reshape(self._groups, -1, _BLOCK)[:, panels.slots[asked]]
+            known = first[asked] + further < size // _BLOCK
+            found[:, asked[known], (first[asked] + further)[known]] = place[:, known]
+        return found.reshape(self._groups, len(times), size)
 
     def weights(self, right: Array, counts: Counts) -> Array:
         """From the last block on."""
@@ -354,10 +368,16 @@ def _markov_products(
 
 
 def _of_panels(panels: _Panels, kinds: int) -> tuple[Array, Array]:
-    """The `products` of queries, (k, G, P, 8, 1 + c) and (k, G, P, 8).
+    """The `products` of queries, (k, G, P, 8, 1 + c) and (k, G, P, 8)."""
+    state, found, explained = _begun(panels, kinds)
+    for here, white, gain in _walk(panels, state):
+        found[:, :, here] += gain
+        explained[:, :, here] += np.einsum("kgpqi,kgpqi->kgpq", white, white)
+    return found, explained
 
-    Of the blocks that end before a query, by their sums.
-    """
+
+def _begun(panels: _Panels, kinds: int) -> tuple[Array, Array, Array]:
+    """S (k, G, P, 8, r) at the begin of each query's own block, and the `products` up to there."""
     factor = panels.factors[0]
     shape, columns = (kinds, factor._groups, len(panels.block), _PANEL), factor._columns
     found, explained = np.zeros((*shape, columns)), np.zeros(shape)
@@ -372,38 +392,40 @@ def _of_panels(panels: _Panels, kinds: int) -> tuple[Array, Array]:
         seen = future @ np.stack([each._sums[:, b] for each, b in blocks], axis=1)
         found[:, :, late], state[:, :, late] = seen[..., :columns], seen[..., columns:]
         explained[:, :, late] = (future * seen[..., columns:]).sum(axis=-1)
-    for here, white, gain in _walk(panels, state):
-        found[:, :, here] += gain
-        explained[:, :, here] += np.einsum("kgpqi,kgpqi->kgpq", white, white)
-    return found, explained
+    return state, found, explained
 
 
 def _walk(panels: _Panels, state: Array) -> Iterator[tuple[Counts, Array, Array]]:
-    """Yield, block after block, the panels that look at it, their ``v_b`` and ``v_bᵀ [g z]_b``.
+    """Yield, block after block from their own on, the panels, their ``v_b`` and ``v_bᵀ [g z]_b``.
 
-    (k, G, P, 8, 32) and (k, G, P, 8, 1 + c). ``state`` (k, G, P, 8, r): S before the first block,
-    overwritten.
+    (k, G, P, 8, 32) and (k, G, P, 8, 1 + c). ``state`` (k, G, P, 8, r): S there, overwritten.
     """
     here, further = np.arange(len(panels.block)), 0
     while True:
-        here = here[(panels.counts[here] > _BLOCK * further).any(axis=1)]
+        left = panels.counts[here] - _BLOCK * further
+        here, left = here[(left > 0).any(axis=1)], left[(left > 0).any(axis=1)]
         if not len(here):
             return
         blocks = panels.where(here, further)
         ahead = np.stack([f._ahead[:, b] for f, b in blocks], axis=1)
         solved = np.stack([f._solved[:, b] for f, b in blocks], axis=1)
-        times = np.stack([f.times[b * _BLOCK : (b + 1) * _BLOCK] for f, b in blocks])
-        apart = panels.times[here][:, :, None] - times[:, None]
         known = state[:, :, here] @ np.swapaxes(ahead, 2, 3)
-        white = _kernel(blocks).cross(apart.reshape(len(here), -1), len(state))
-        white = white.reshape(*known.shape[:4], _BLOCK) - known[..., :_BLOCK]
+        white = -known[..., :_BLOCK]
+        onwards = known[..., _BLOCK:]
+        if not further:
+            times = np.stack([f.times[b * _BLOCK : (b + 1) * _BLOCK] for f, b in blocks])
+            kernel = _kernel(blocks)
+            apart = (panels.times[here][:, :, None] - times[:, None]).reshape(len(here), -1)
+            white += kernel.cross(apart, len(state)).reshape(white.shape)
+            until = np.maximum(times[:, -1:] - panels.times[here], 0.0)
+            onwards = onwards - kernel.past(kernel.powers(until), len(state))
         for p, (factor, b) in enumerate(blocks):
             for rows in white[:, :, p]:
                 _solve_rows(factor._lower[:, b], rows)
-        white *= np.arange(_BLOCK) < panels.counts[here][:, :, None] - _BLOCK * further
+        white *= np.arange(_BLOCK) < left[:, :, None]
         gain = white @ solved
         columns = gain.shape[-1] - state.shape[-1]
-        state[:, :, here] = gain[..., columns:] + known[..., _BLOCK:]
+        state[:, :, here] = gain[..., columns:] + onwards
         yield here, white, gain[..., :columns]
         further += 1
 

@@ -123,6 +123,7 @@ class MarkovSum(KernelSum):
         self._rates = np.array([kernel.rate for kernel in of])[:, None, None] / lengths[order]
         scales = np.stack([self._variances, self._variances * self._rates])[:, table.kernel]
         self._scales = np.moveaxis(scales, 1, -1)[..., None, :]  # (2, G, S, 1, r)
+        self._rate = np.moveaxis(self._rates[table.kernel], 0, -1)[..., None, :]
 
     def __call__(self, apart: Array) -> Array:
         """``k`` of times ``apart`` (S, n) seconds, not negative; (G, S, n)."""
@@ -155,9 +156,16 @@ class MarkovSum(KernelSum):
             begin, before = end, width
         return result
 
-    def past(self, powers: Array) -> Array:
-        """``past`` of the times whose ``powers`` (D, S, n, r) are given; (G, S, n, r)."""
-        return powers[self._which]
+    def past(self, powers: Array, kinds: int = 1) -> Array:
+        """``past`` of the times whose ``powers`` (D, S, n, r) are given, of k; (k, G, S, n, r).
+
+        Of what is asked for at s, in the notation above.
+        """
+        found = powers[self._which][None]
+        if kinds > 1:
+            slope = (powers @ self._table.past_slope)[self._which] * self._rate
+            found = np.concatenate([found, slope[None]])
+        return found
 
     def future(self, powers: Array, kinds: int = 1) -> Array:
         """``future`` of those times, of k that are asked for; (k, G, S, n, r)."""
@@ -176,8 +184,9 @@ class _Table:
 
     ``widths``: number of kernels that have each power; ``kernel`` (r,): whose each is; ``values``
     and ``slopes``: the coefficients of ρ and ``ρ' / r`` power by power, (width, 1, 1, 1) each.
-    ``futures`` (2, r, r): of the powers (r,), the ``future`` and its derivative over r;
-    ``transition`` (r, r²): Φ.
+    ``futures`` (2, r, r): of the powers (r,), the ``future`` and its derivative over the kernel's
+    rate; ``past_slope`` (r, r): that of the ``past`` as its beginning moves on; ``transition``
+    (r, r²): Φ.
     """
 
     widths: tuple[int, ...]
@@ -185,6 +194,7 @@ class _Table:
     values: tuple[Array, ...]
     slopes: tuple[Array, ...]
     futures: Array
+    past_slope: Array
     transition: Array
 
 
@@ -201,7 +211,7 @@ def _table(kinds: tuple[type[Matern], ...]) -> _Table:
     # Noise has no derivative, and is no motion.
     moves = np.array([kernels[k].curvature > 0.0 for k in of], dtype=np.float64)
     slopes = np.array([-kernels[k].slope[j - 1] if j else 0.0 for k, j in places])
-    future, derivative = np.zeros((rank, rank)), np.diag(-moves)
+    future, derivative, past_slope = np.zeros((rank, rank)), np.diag(-moves), np.diag(moves)
     transition = np.zeros((rank, rank, rank))
     for (k, j), row in index.items():
         for i in range(j + 1):
@@ -210,11 +220,19 @@ def _table(kinds: tuple[type[Matern], ...]) -> _Table:
             transition[power, column, row] = math.comb(j, i)
         if j:
             derivative[row, index[k, j - 1]] = j
+            past_slope[index[k, j - 1], row] = -j
     ends = np.cumsum(widths)[:-1]
     by_power = [np.split(each[:, None, None, None], ends) for each in (values, slopes)]
-    futures = np.stack([future, future @ derivative])
     polynomials = [tuple(each) for each in by_power]
-    return _Table(widths, of, polynomials[0], polynomials[1], futures, transition.reshape(rank, -1))
+    return _Table(
+        widths,
+        of,
+        polynomials[0],
+        polynomials[1],
+        np.stack([future, future @ derivative]),
+        past_slope,
+        transition.reshape(rank, -1),
+    )
 
 
 def _polynomials(coefficients: tuple[Array, ...], a: Array, decay: Array) -> Array:
