@@ -23,7 +23,7 @@ from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
-from trajeval_ros.runs.offline import compared, count_left_out, why_none
+from trajeval_ros.runs.offline import causes_of_rows, compared, count_left_out, why_none
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.wall import shield
 
@@ -173,6 +173,8 @@ def _result(
         raise ValueError(why)
     record.notices, record.way = engine.notices(name), engine.way()
     record.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
+    offset = engine.settings.estimates[name].time_offset
+    record.of_rows = causes_of_rows(truth.data, estimate.data, offset)
     cross = tuple(blocks for results in kept for blocks in results.cross)
     gauge = engine.settings.evaluation.gauge
     summary = whole_run(summary, poses.ground_truth, poses.covariance, poses.estimate, gauge, cross)

@@ -49,6 +49,7 @@ class Report:
         self.estimate = Coverage()
         self.notices: tuple[Notice, ...] = ()
         self.way: Way | None = None
+        self.of_rows: tuple[Cause, ...] = ()
 
     def say(self, line: str) -> None:
         """Remember what has failed, in one line; each line once."""
@@ -74,7 +75,9 @@ class Report:
 
     def causes(self) -> tuple[Cause, ...]:
         """Return what is likely wrong with the data, if anything is."""
-        return shield("the search for likely causes", self._causes, (), self.say)
+        none: tuple[Cause, ...] = ()
+        of_poses = shield("the search for likely causes", self._causes, none, self.say)
+        return self.of_rows + of_poses
 
     def _causes(self) -> tuple[Cause, ...]:
         buckets = self.track.buckets()

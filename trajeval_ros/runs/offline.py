@@ -16,6 +16,8 @@ import numpy.typing as npt
 
 from trajeval_ros.alignment.gauge import Gauge
 from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
+from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.lost import lost
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Truth
@@ -126,6 +128,7 @@ def _scored(
     report, estimate = scoring.report, scoring.estimate
     report.notices = engine.notices(name)
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
+    report.of_rows = causes_of_rows(truth, estimate, engine.settings.estimates[name].time_offset)
     summary: Figures = {
         **origin(report.parameters, source, described(estimate.source)),
         **engine.summary(name),
@@ -154,6 +157,25 @@ def _scored(
     )
     sampled = evaluated[np.flatnonzero(kept.sampled)]
     return Scored(summary, places, sampled, evaluated.stamps)
+
+
+def causes_of_rows(truth: Trajectory, estimate: Trajectory, offset: int) -> tuple[Cause, ...]:
+    """What is wrong with rows; ``offset`` (ns) is added to the estimate's stamps."""
+    none: tuple[Cause, ...] = ()
+    order = np.argsort(truth.stamps, kind="stable")
+    poses = np.concatenate([estimate.positions, estimate.quaternions], axis=1)
+    return shield(
+        "the search for a lost tracker",
+        lambda: lost(
+            estimate.stamps + offset,
+            poses,
+            truth.stamps[order],
+            truth.positions[order],
+            lambda place: int(estimate.rows[place]),
+        ),
+        none,
+        lambda line: None,
+    )
 
 
 def _models(engine: Engine, evaluated: Evaluated, name: str) -> dict[str, Figures]:
