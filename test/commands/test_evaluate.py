@@ -21,6 +21,7 @@ import pytest
 from trajeval_ros import se3
 from trajeval_ros.commands.simulate import write_files
 from trajeval_ros.files.output import COLUMNS
+from trajeval_ros.online.parameters import PARAMETERS
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"
@@ -508,3 +509,30 @@ def test_what_cannot_be_applied_is_refused(run: tuple[Path, Path]) -> None:
     result = evaluate("tum", *run, "--apply", "clock_offset,colour")
     assert result.returncode == 2
     assert "'colour' is none of clock_offset, extrinsic, scale" in result.stderr
+
+
+def test_help_has_examples_and_every_parameter_with_its_default() -> None:
+    assert "examples:" in evaluate("--help").stdout
+    shown = evaluate("tum", "--help").stdout
+    for name in PARAMETERS:
+        assert f"  {name}=" in shown
+    assert "  gauge=se3 (of se3, none, yaw_translation, sim3)" in shown
+
+
+def test_a_report_without_matplotlib_is_said_to_have_no_pictures(
+    run: tuple[Path, Path], tmp_path: Path
+) -> None:
+    blocked = tmp_path / "blocked"
+    blocked.mkdir()
+    code = (
+        "import sys; sys.modules['matplotlib'] = None;"
+        "from trajeval_ros.commands.evaluate import main; sys.exit(main(sys.argv[1:]))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code, "tum", *run, "--output", tmp_path / "out"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert result.returncode == 0, result.stderr
+    assert "The report has no pictures: python3 -m pip install matplotlib" in result.stdout

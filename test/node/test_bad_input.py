@@ -233,7 +233,7 @@ def test_a_likely_cause_is_said_while_the_run_goes_on(rig: Rig) -> None:
     # Mended: saving looks for causes again, and the diagnostics after it say what it found.
     assert rig.play(*rig.messages())["likely_causes"] == []
     rig.graph.received["/diagnostics"].clear()
-    status = rig.graph.until_health("consistency", "consistent", level=0)
+    status = rig.graph.until_health("consistency", "agrees with itself", level=0)
     assert not [key for key in values_of(status) if key.startswith(("likely_cause", "advice"))]
 
 

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from twins.runs import START, motion, samples
 
 from trajeval_ros.online.coverage import Odometer, Presence, coverage
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.feed import feed
 
 SECOND = 1_000_000_000
 
@@ -95,3 +98,28 @@ def test_keyframes_that_come_rarely_are_no_losses():
     odometer.add(stamps, positions)
     presence.add(np.arange(5, 25, 2, dtype=np.int64) * SECOND)
     assert coverage(odometer.way(), presence)["losses"] == 0
+
+
+def codes(ground_truth_rate, estimate_rate, error):
+    """What the engine has to say of an estimate that errs by so much, m."""
+    data = []
+    for rate, noise in ((ground_truth_rate, 2e-4), (estimate_rate, error)):
+        time = np.arange(0.0, 30.0, 1.0 / rate)
+        poses = motion(time)
+        poses[:, :3, 3] += noise * np.random.default_rng(1).normal(size=(len(time), 3))
+        data.append(samples(np.asarray(START + np.rint(time * SECOND), dtype=np.int64), poses))
+    engine = Engine({})
+    for _ in feed(engine, *data):
+        pass
+    return {notice.code for notice in engine.notices()}
+
+
+def test_an_estimate_as_good_as_the_ground_truth_is_explained():
+    assert "as_good_as_ground_truth" in codes(100, 100, 2e-4)
+    assert "as_good_as_ground_truth" not in codes(100, 100, 5e-3)
+
+
+def test_a_ground_truth_that_comes_rarely_gets_a_word():
+    assert "sparse_ground_truth" in codes(10, 200, 5e-3)
+    assert "sparse_ground_truth" not in codes(200, 10, 5e-3)
+    assert "sparse_ground_truth" not in codes(20, 50, 5e-3)

@@ -34,6 +34,10 @@ class UsageError(CommandError):
     """Called in a way that cannot work; the message is one line."""
 
 
+class Answered(Exception):
+    """What was asked for has been printed, and there is no more to do."""
+
+
 def run(command: Callable[[], int], name: str) -> int:
     """Run ``command``; turn its errors into one line on stderr and an exit code."""
     try:
@@ -41,6 +45,9 @@ def run(command: Callable[[], int], name: str) -> int:
         # A closed pipe shows here rather than in the interpreter's shutdown.
         sys.stdout.flush()
         return code
+    except Answered:
+        sys.stdout.flush()
+        return DONE
     except UsageError as error:
         return fail(name, str(error), WRONG_USAGE)
     except CommandError as error:

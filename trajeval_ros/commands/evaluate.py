@@ -24,6 +24,13 @@ The figures are those of the node evaluator on the same data."""
 _APPLICABLE = ("clock_offset", "extrinsic", "scale")
 
 EPILOG = """\
+examples:
+  evaluate GROUND_TRUTH ESTIMATE --output results    two files of any format
+  evaluate tum GROUND_TRUTH A.txt B.txt              which of two is better
+  evaluate bag run.mcap                              the topics with a trajectory
+  evaluate tum GROUND_TRUTH ESTIMATE --set gauge=sim3 --set relative.delta=5
+  evaluate tum --help                                all options and parameters
+
 exit codes: 0 done; 1 the data could not be evaluated, or a file not be written; 2 wrong usage;
 3 evaluated, and not as good as --require or --baseline asks for"""
 
@@ -51,7 +58,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output",
         metavar="DIR",
-        help="write summary.json, poses.csv and report.html to this folder",
+        help="write summary.json, poses.csv and report.html to this folder (default: none of them)",
     )
     parser.add_argument(
         "--apply",

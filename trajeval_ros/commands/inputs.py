@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import NoReturn
 
-from trajeval_ros.commands.console import CommandError, Progress, UsageError
+from trajeval_ros.commands.console import Answered, CommandError, Progress, UsageError
 from trajeval_ros.commands.figures import table
 from trajeval_ros.files import sources
 from trajeval_ros.files.content import STANDARD_INPUT
@@ -291,7 +291,8 @@ def _read_bag(arguments: argparse.Namespace) -> Inputs:
         raise UsageError("one --estimate is enough")
     with Progress("reading", 0, "messages") as progress:
         if arguments.ground_truth is None or not arguments.estimate:
-            _list_candidates(arguments.bag, progress)
+            asked = arguments.ground_truth is None and not arguments.estimate
+            _list_candidates(arguments.bag, progress, asked)
         named = [sources.split(topic) for topic in topics]
         of_bag = [topic for format_, topic in named if format_ is None]
         in_bag = iter(read_bag(arguments.bag, of_bag, progress.update) if of_bag else ())
@@ -326,8 +327,11 @@ def names_of(paths: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _list_candidates(bag: str, progress: Progress) -> NoReturn:
-    """Print the topics that hold a trajectory, and ask for two of them."""
+def _list_candidates(bag: str, progress: Progress, asked: bool) -> NoReturn:
+    """Print the topics that hold a trajectory, and ask for two of them.
+
+    Without any topic on the command line the list is what was ``asked`` for.
+    """
     from trajeval_ros.files.bag import list_candidates
 
     candidates = list_candidates(bag, progress.update)
@@ -339,6 +343,9 @@ def _list_candidates(bag: str, progress: Progress) -> NoReturn:
         for c in candidates
     ]
     print("\n".join(table(rows, left=2)), flush=True)
+    if asked:
+        print("\nName two of them: --ground-truth TOPIC --estimate TOPIC", flush=True)
+        raise Answered
     raise UsageError("name two of these topics with --ground-truth and --estimate")
 
 

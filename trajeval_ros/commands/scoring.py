@@ -8,6 +8,7 @@ import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -244,3 +245,5 @@ class _Run:
         written = [name for name in FILES if name not in self.failures]
         if self._folder is not None and written:
             print(f"\nWritten: {', '.join(written)} in {self._folder.path}")
+            if "report.html" in written and find_spec("matplotlib") is None:
+                print("The report has no pictures: python3 -m pip install matplotlib")

@@ -39,8 +39,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         dest="assignments",
         help="set a parameter, e.g. gauge=yaw_translation or extrinsic=0.1,0,0,0,0,0,1;"
-        " may be repeated",
+        " may be repeated; the names are listed below",
     )
+    parser.epilog = parameter_list()
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+
+
+def parameter_list() -> str:
+    """Return every parameter with its default and what it is, for ``--help``."""
+    lines = ["parameters for --set, with their defaults:"]
+    for name, parameter in PARAMETERS.items():
+        default = parameter.default
+        if isinstance(default, bool):
+            shown = str(default).lower()
+        elif isinstance(default, tuple):
+            shown = ",".join(f"{value:g}" for value in default)
+        else:
+            shown = f"{default:g}" if isinstance(default, float) else str(default)
+        unit = f" {parameter.unit}" if parameter.unit else ""
+        choices = f" (of {', '.join(parameter.choices)})" if parameter.choices else ""
+        lines.append(f"  {name}={shown}{unit}{choices}")
+    lines.append("what each of them means: docs/parameters.md")
+    # argparse takes a per cent sign for a format.
+    return "\n".join(lines).replace("%", "%%")
 
 
 def read(

@@ -263,7 +263,9 @@ def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
     return merge(
         "consistency",
         findings,
-        "learning the ground truth's hyperparameters" if known is None else "consistent",
+        "learning the ground truth's hyperparameters"
+        if known is None
+        else "no likely cause of an error is found, and the computation agrees with itself",
         values,
     )
 

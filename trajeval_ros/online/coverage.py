@@ -38,7 +38,11 @@ class Odometer:
         self._stride = 1
         self._count = 0
         self._anchor: tuple[float, ...] | None = None
-        self._points: list[tuple[int, float, tuple[float, ...]]] = []
+        # Made once: a run's memory does not grow.
+        self._stamps = np.zeros(capacity + 1, dtype=np.int64)
+        self._lengths = np.zeros(capacity + 1)
+        self._positions = np.zeros((capacity + 1, 3))
+        self._used = 0
         self._last: tuple[int, tuple[float, ...]] | None = None
         self.length = 0.0
         """m so far."""
@@ -58,23 +62,28 @@ class Odometer:
 
     def _keep(self, stamp: int, position: tuple[float, ...]) -> None:
         if self._count % self._stride == 0:
-            self._points.append((stamp, self.length, position))
+            self._stamps[self._used] = stamp
+            self._lengths[self._used] = self.length
+            self._positions[self._used] = position
+            self._used += 1
         self._count += 1
-        if len(self._points) > self._capacity:
-            self._points = self._points[::2]
+        if self._used > self._capacity:
+            kept = (self._used + 1) // 2
+            for values in (self._stamps, self._lengths, self._positions):
+                values[:kept] = values[: self._used : 2].copy()
+            self._used = kept
             self._stride *= 2
 
     def way(self) -> Way:
         """The way so far, with the newest point."""
-        points = list(self._points)
-        if self._last is not None and self._last[0] > points[-1][0]:
-            points.append((self._last[0], self.length, self._last[1]))
-        stamps, lengths, positions = zip(*points, strict=True) if points else ((), (), ())
-        return Way(
-            np.array(stamps, dtype=np.int64),
-            np.array(lengths, dtype=np.float64),
-            np.array(positions, dtype=np.float64).reshape(-1, 3),
-        )
+        kept = slice(self._used)
+        stamps, lengths = self._stamps[kept].copy(), self._lengths[kept].copy()
+        positions = self._positions[kept].copy()
+        if self._last is not None and self._last[0] > stamps[-1]:
+            stamps = np.append(stamps, self._last[0])
+            lengths = np.append(lengths, self.length)
+            positions = np.concatenate([positions, [self._last[1]]])
+        return Way(stamps, lengths, positions)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from trajeval_ros.ground_truth.screen import Screen, Screened
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.trajectory import GroundTruth
 from trajeval_ros.online.accounting import Reason
-from trajeval_ros.online.coverage import Odometer
+from trajeval_ros.online.coverage import Odometer, Presence
 from trajeval_ros.online.intake import Accepted, Intake
 from trajeval_ros.online.results import Notice, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
@@ -39,6 +39,7 @@ class Reference:
         self._screen = Screen((process.translation_std, process.rotation_std), self.faults)
         self.ground_truth = GroundTruth(process, self.faults)
         self.odometer = Odometer(process.translation_std)
+        self.presence = Presence()
 
     @property
     def known(self) -> Stamps:
@@ -75,6 +76,7 @@ class Reference:
             self._intake.account.reject(Reason(code), count)
         if len(screened.samples):
             self.ground_truth.append(screened.samples)
+            self.presence.add(screened.samples.stamps)
             self.odometer.add(screened.samples.stamps, screened.samples.poses[:, :3, 3])
 
     def learned(self) -> tuple[Notice, ...]:

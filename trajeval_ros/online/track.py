@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +34,7 @@ Mask = npt.NDArray[np.bool_]
 
 _SELF_CHECK = 1e-6
 _STRAINED = 0.2
+_FAR_MORE_RARELY = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,7 +344,39 @@ class Track:
         After :meth:`finish` it is a function of the data alone, as the figures are; what
         :class:`~trajeval_ros.online.results.Results` announced on the way need not hold any more.
         """
-        return self._notices(self._evaluation.conventional.is_rotation_undetermined)
+        conventional = self._evaluation.conventional
+        found = self._notices(conventional.is_rotation_undetermined)
+        return (*found, *self._swapped(), *self._as_good())
+
+    def _swapped(self) -> tuple[Notice, ...]:
+        """A ground truth that comes far more rarely than the estimate may be the estimate."""
+        truth, own = self._reference.presence.usual_interval, self._presence.usual_interval
+        if truth is None or own is None or truth < _FAR_MORE_RARELY * own:
+            return ()
+        text = (
+            f"the ground truth comes at {1.0 / truth:.2g} Hz, and the estimate at {1.0 / own:.2g} "
+            "Hz: have the two been swapped? The ground truth is named first"
+        )
+        return (Notice("info", "sparse_ground_truth", text),)
+
+    def _as_good(self) -> tuple[Notice, ...]:
+        """An ATE that may be the ground truth's own: a copy of its samples has one, too.
+
+        It is compared with the process, which smooths what the samples have of noise.
+        """
+        hyperparameters = self._ground_truth.hyperparameters
+        ate = self._evaluation.conventional.figures().ate_translation_rmse
+        if hyperparameters is None or ate is None or self._evaluation.count < ENOUGH_TO_ALIGN:
+            return ()
+        noise = hyperparameters.translation.noise_std
+        if ate > math.sqrt(3.0) * noise:
+            return ()
+        text = (
+            f"the ATE of {1e3 * ate:.2g} mm is no more than the ground truth's own noise: samples "
+            f"are taken to be good to {1e3 * noise:.2g} mm an axis, and the ground truth is a "
+            "smooth curve through them, so that even a copy of the samples is off by as much"
+        )
+        return (Notice("info", "as_good_as_ground_truth", text),)
 
     def _notices(self, undetermined: bool) -> tuple[Notice, ...]:
         """The notices; ``undetermined``: whether the conventional alignment's rotation is."""
