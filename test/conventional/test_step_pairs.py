@@ -100,6 +100,27 @@ def test_by_time(seed, count, delta, cuts):
         assert pairs.longest == pytest.approx(longest * 1e-9, rel=1e-15)
 
 
+@settings(max_examples=80)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 60),
+    st.integers(1, 12),
+    st.lists(st.integers(0, 60), max_size=12).map(sorted),
+)
+def test_by_frames_is_evo_s(seed, count, delta, cuts):
+    filters = pytest.importorskip("evo.core.filters", reason="evo is not installed")
+    stamps, ground_truth, estimate = walk(seed, count)
+    expected = filters.filter_pairs_by_index(list(estimate), delta)
+    pairs = StepPairs(float(delta), "f")
+    result = pairs_in_batches(pairs, cuts, stamps, ground_truth, estimate)
+    begins, ends = [i for i, _ in expected], [j for _, j in expected]
+    np.testing.assert_array_equal(result[0], ground_truth[begins])
+    np.testing.assert_array_equal(result[1], ground_truth[ends])
+    np.testing.assert_array_equal(result[2], estimate[begins])
+    np.testing.assert_array_equal(result[3], estimate[ends])
+    assert pairs.longest == (delta if expected else None)
+
+
 def test_a_step_of_exactly_delta_is_a_pair():
     stamps = np.arange(31) * 100_000_000
     poses = np.tile(np.eye(4), (31, 1, 1))
@@ -121,5 +142,10 @@ def test_bad_delta(delta):
 
 
 def test_bad_unit():
-    with pytest.raises(ValueError, match="unknown unit 'f'"):
-        StepPairs(1.0, "f")
+    with pytest.raises(ValueError, match="unknown unit 'rad'"):
+        StepPairs(1.0, "rad")
+
+
+def test_frames_are_whole():
+    with pytest.raises(ValueError, match="whole number of frames"):
+        StepPairs(1.5, "f")

@@ -28,11 +28,12 @@ from twins.runs import (
 )
 
 from trajeval_ros import se3
-from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
+from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.online.summary import whole_run
+from trajeval_ros.online.settings import settings_of
+from trajeval_ros.online.whole_run import Poses, whole_run
 
 
 @functools.cache
@@ -353,8 +354,9 @@ def test_a_window_set_while_it_runs_takes_effect_with_the_next_pose():
 
 def test_the_whole_run_s_nonlinear_figure():
     _, _, summary, evaluations = scenario()
-    data = [evaluations[n] for n in ("ground_truth", "covariance", "estimate")]
-    whole = whole_run(summary, *data, GAUGES["se3"])
+    names = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
+    poses = Poses(*(evaluations[name] for name in names))
+    whole = whole_run(summary, poses, settings_of(complete({})).evaluation)
     # The window, of thirty seconds, holds this run.
     assert whole["absolute"]["log_likelihood_nonlinear"] == pytest.approx(
         summary["window"]["absolute"]["log_likelihood_nonlinear"], rel=1e-12

@@ -22,17 +22,19 @@ from twins.runs import (
 )
 
 from trajeval_ros import se3
-from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.ground_truth.trajectory import GroundTruth
 from trajeval_ros.likelihood.absolute import absolute
 from trajeval_ros.likelihood.figures import p_value
 from trajeval_ros.likelihood.relative import relative
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
-from trajeval_ros.online.summary import whole_run
+from trajeval_ros.online.parameters import complete
+from trajeval_ros.online.settings import settings_of
+from trajeval_ros.online.whole_run import Poses, whole_run
 from trajeval_ros.online.window import joint_covariance
 
 JOINT = {**FIXED, "likelihood.covariance": "joint"}
+RUN = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
 
 
 def results(parameters, run):
@@ -44,7 +46,7 @@ def results(parameters, run):
     parts = [part for part in parts if len(part.evaluations)]
     found = {
         name: np.concatenate([getattr(part.evaluations, name) for part in parts])
-        for name in ("ground_truth", "covariance", "estimate", "log_likelihood", "chi2")
+        for name in (*RUN, "log_likelihood", "chi2")
     }
     return engine, found, sum((part.cross for part in parts), ())
 
@@ -77,7 +79,8 @@ def test_the_figures_are_those_of_the_dense_covariance(scene):
     shares = found["log_likelihood"]
     assert shares.sum() == pytest.approx(summary["relative"]["log_likelihood"], rel=1e-12)
     assert found["chi2"].sum() == pytest.approx(summary["relative"]["chi2"], rel=1e-12)
-    whole = whole_run(summary, *poses, GAUGES["se3"], cross)
+    run = Poses(*(found[name] for name in RUN), cross=tuple(cross))
+    whole = whole_run(summary, run, settings_of(complete({})).evaluation)
     assert whole["absolute"]["log_likelihood_nonlinear"] == pytest.approx(
         best.likelihood.log_likelihood, rel=1e-9
     )

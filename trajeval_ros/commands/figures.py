@@ -101,9 +101,11 @@ def _errors(summary: Figures, parameters: Figures) -> list[str]:
     window = (summary.get("window") or {}).get("absolute") or {}
     step = f"{parameters['relative.delta']:g} {parameters['relative.unit']}"
     alignment = "as it is" if gauge == "none" else f"aligned, {gauge}"
+    drift = summary.get("drift") or {}
     named = (
         (f"ATE, RMSE ({alignment})", conventional, "ate_{}_rmse"),
         (f"RE, RMSE (over {step})", conventional, "re_{}_rmse"),
+        (f"RE, RMSE (over {step}, all pairs)", drift.get("all_pairs") or {}, "re_{}_rmse"),
         ("pose to pose, RMSE", summary["relative"], "{}_rmse"),
         ("aligned by likelihood, RMSE", summary["absolute"], "{}_rmse"),
         (f"noise-equivalent, {_last(parameters)}", window, "noise_equivalent_{}_std"),
@@ -115,10 +117,28 @@ def _errors(summary: Figures, parameters: Figures) -> list[str]:
         unscaled = gauge == "sim3" and figures is summary["relative"]
         if (translation, rotation) != (None, None) and not unscaled:
             rows.append((title, metres(translation), degrees(rotation)))
+    kitti = drift.get("kitti")
+    if kitti is not None:
+        translation = f"{number(100.0 * kitti['translation'])} %"
+        rows.append(
+            ("drift over 100 to 800 m (KITTI)", translation, f"{degrees(kitti['rotation'])}/m")
+        )
     lines = table(rows)
+    if no_drift(drift):
+        lines.append(f"No drift over 100 to 800 m (KITTI): {no_drift(drift)}")
     if gauge == "sim3":
         lines.append(f"Scale of the estimate  {scale(summary)}")
     return lines
+
+
+def no_drift(drift: Figures) -> str:
+    """Why the drift of a run has none of KITTI's; empty where it has."""
+    if drift.get("kitti") or "kitti" not in drift:
+        return ""
+    path = drift.get("path_length")
+    if path is not None:
+        return f"the path is {number(path)} m long, and no sub-trajectory of 100 m is in it"
+    return "the path is not known beyond the ground truth's noise, or the scale not at all"
 
 
 def scale(summary: Figures) -> str:

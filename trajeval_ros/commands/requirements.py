@@ -30,6 +30,7 @@ _WORDS: dict[str, Scalar] = {"true": True, "false": False, "null": None}
 # What a summary has only where the data are enough for it, or the model that was chosen has it.
 _AT_TIMES = (
     "error_model",
+    "drift",
     "window",
     "drift_std",
     "velocity_std",

@@ -75,8 +75,8 @@ def compare(
         a: an estimate with the ground truth at its stamps.
         b: another one.
         gauge: of each one's alignment.
-        delta: RE's step, s or m, above zero.
-        unit: `s` or `m` (along the ground truth).
+        delta: RE's step, s, m or f, above zero.
+        unit: `s`, `m` (along the ground truth) or `f` (common poses).
         method: where intervals come from; the stationary bootstrap where arch is installed.
         seed: of the bootstrap: the same inputs give the same figures.
 

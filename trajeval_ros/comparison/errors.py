@@ -37,13 +37,15 @@ class Errors:
 def steps(evaluated: Evaluated, delta: float, unit: StepUnit) -> tuple[Indices, Indices]:
     """Begin and end, (K,) each, of all steps: from every pose to the first one a step later.
 
-    In m along the ground truth, the same for whatever estimate. A step that is more than half too
-    long is left out: it has a gap in it.
+    In m along the ground truth, the same for whatever estimate; in f by number. A step that is more
+    than half too long is left out: it has a gap in it.
     """
     if unit == "s":
         place = (evaluated.stamps - evaluated.stamps[:1]) * 1e-9
         # As exact as the stamps are: neither 0.1 + 0.2 nor a jitter of ns lengthens a step.
         delta_low = delta - 1e-9
+    elif unit == "f":
+        place, delta_low = np.arange(len(evaluated), dtype=np.float64), delta
     else:
         walked = np.linalg.norm(np.diff(evaluated.ground_truth[:, :3, 3], axis=0), axis=-1)
         place = np.concatenate(([0.0], np.cumsum(walked)))[: len(evaluated)]

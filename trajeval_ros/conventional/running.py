@@ -73,7 +73,7 @@ class ConventionalFigures:
             known from no more than noise.
         re_translation_rmse: m. None also in `sim3` where the scale is not observed.
         re_rotation_rmse: rad.
-        re_longest_step: the longest step of a pair, s or m. One far longer than the step asked
+        re_longest_step: the longest step of a pair, s, m or f. One far longer than the step asked
             for lies in a gap.
     """
 
@@ -94,8 +94,8 @@ class RunningConventional:
 
     Args:
         gauge: of the alignment.
-        delta: RE's step, s or m, above zero.
-        unit: `s` or `m`.
+        delta: RE's step, s, m or f (frames), above zero.
+        unit: `s`, `m` or `f`.
 
     Raises:
         ValueError: an unknown gauge or unit, or a delta that is not positive and finite.

@@ -6,12 +6,13 @@ The pairs are consecutive and do not overlap: each begins where the one before e
 at the first pose. A pair ends at the first pose
 
 - `s`: stamped at or after ``delta`` seconds since its beginning,
+- `f`: ``delta`` poses (frames) on,
 - `m`: where the path travelled since its beginning, the sum of the distances from pose to
   pose, has reached ``delta`` metres; it starts again from zero for the next pair.
 
-`m` is evo's ``filter_pairs_by_path`` with ``all_pairs=False``. Evo has no step in seconds; at a
-constant rate `s` is its step in frames. No pair is dropped for being longer than asked for, in
-a gap for instance; `StepPairs.longest` tells.
+`m` is evo's ``filter_pairs_by_path`` with ``all_pairs=False``, `f` its ``filter_pairs_by_index``.
+Evo has no step in seconds. No pair is dropped for being longer than asked for, in a gap for
+instance; `StepPairs.longest` tells.
 """
 
 import dataclasses
@@ -23,14 +24,17 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
-StepUnit = Literal["s", "m"]
+StepUnit = Literal["s", "m", "f"]
 
-STEP_UNITS: tuple[StepUnit, ...] = ("s", "m")
+STEP_UNITS: tuple[StepUnit, ...] = ("s", "m", "f")
 
 
 @dataclasses.dataclass(frozen=True)
 class _Start:
-    """What is known of the pair under way: the pose it began at, and the path since."""
+    """What is known of the pair under way: the pose it began at, and what came since.
+
+    ``path``: m; with `f` the poses since.
+    """
 
     stamp: int
     ground_truth: Array
@@ -43,13 +47,14 @@ class StepPairs:
     """Forms the pairs as poses come; in constant memory and whatever the batches.
 
     Args:
-        delta: the step, s or m, above zero.
-        unit: `s` or `m`.
+        delta: the step, s, m or f, above zero.
+        unit: `s`, `m` or `f`.
         path_of_ground_truth: whether `m` is measured along the ground truth; else along the
             estimate.
 
     Raises:
-        ValueError: a delta that is not positive and finite, or an unknown unit.
+        ValueError: a delta that is not positive and finite, or no whole number of frames; or an
+            unknown unit.
     """
 
     def __init__(self, delta: float, unit: StepUnit, path_of_ground_truth: bool = False) -> None:
@@ -57,12 +62,14 @@ class StepPairs:
             raise ValueError(f"delta must be positive and finite, got {delta}")
         if unit not in STEP_UNITS:
             raise ValueError(f"unknown unit {unit!r}: one of {', '.join(STEP_UNITS)}")
+        if unit == "f" and delta != int(delta):
+            raise ValueError(f"delta must be a whole number of frames, got {delta}")
         self._delta = delta
         self._unit = unit
         self._path_of_ground_truth = path_of_ground_truth
         self._start: _Start | None = None
         self.longest: float | None = None
-        """The longest step of a pair so far, s or m; None before the first pair."""
+        """The longest step of a pair so far, s, m or f; None before the first pair."""
 
     def update(
         self, stamps: Stamps, ground_truth: Array, estimate: Array
@@ -95,6 +102,8 @@ class StepPairs:
 
         if self._unit == "s":
             ends, lengths, path = self._ends_by_time(stamps)
+        elif self._unit == "f":
+            ends, lengths, path = self._ends_by_number(len(steps), int(start.path))
         else:
             ends, lengths, path = self._ends_by_path(steps, start.path)
         if lengths:
@@ -120,6 +129,16 @@ class StepPairs:
             ends.append(end)
         seconds = np.diff(stamps[[0, *ends]]) * 1e-9
         return ends, seconds.tolist(), 0.0
+
+    def _ends_by_number(self, count: int, since: int) -> tuple[list[int], list[float], float]:
+        """Indices (K,) of poses where a pair ends, its steps in frames, and the poses since.
+
+        ``count`` poses come after index 0, ``since`` of the pair under way came before.
+        """
+        delta = int(self._delta)
+        ends = list(range(delta - since, count + 1, delta))
+        left = count - ends[-1] if ends else since + count
+        return ends, [float(delta)] * len(ends), float(left)
 
     def _ends_by_path(self, steps: Array, path: float) -> tuple[list[int], list[float], float]:
         """Indices (K,) of poses where a pair ends, its path in m, and the path since the last.

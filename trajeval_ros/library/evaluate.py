@@ -17,11 +17,11 @@ from trajeval_ros.files.span import Instant, cut_all, span_of
 from trajeval_ros.library.result import Poses, Result, Results
 from trajeval_ros.library.settings import parameters_of
 from trajeval_ros.library.trajectory import Trajectory
+from trajeval_ros.online import whole_run
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_evenly
 from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.online.results import Results as EngineResults
-from trajeval_ros.online.summary import whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.offline import causes_of_rows, compared, count_left_out, why_none
 from trajeval_ros.runs.origin import origin
@@ -176,8 +176,10 @@ def _result(
     offset = engine.settings.estimates[name].time_offset
     record.of_rows = causes_of_rows(truth.data, estimate.data, offset)
     cross = tuple(blocks for results in kept for blocks in results.cross)
-    gauge = engine.settings.evaluation.gauge
-    summary = whole_run(summary, poses.ground_truth, poses.covariance, poses.estimate, gauge, cross)
+    run = whole_run.Poses(
+        poses.stamps, poses.ground_truth, poses.covariance, poses.estimate, poses.sampled, cross
+    )
+    summary = whole_run.whole_run(summary, run, engine.settings.evaluation)
     if not joint:
         model = shield("the error model", lambda: _model(engine, name, poses), None, record.say)
         if model is not None:

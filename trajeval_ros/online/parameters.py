@@ -266,11 +266,16 @@ _TABLE = (
         "relative.delta",
         1.0,
         "Step of the conventional relative error",
-        "s or m",
+        "s, m or f",
         lower=1e-3,
         upper=1e6,
     ),
-    Parameter("relative.unit", "s", "Unit of relative.delta", choices=("s", "m")),
+    Parameter(
+        "relative.unit",
+        "s",
+        "Unit of relative.delta: seconds, metres, or f, evaluated poses (frames)",
+        choices=("s", "m", "f"),
+    ),
     Parameter(
         "max_wait",
         1.0,
@@ -387,6 +392,9 @@ def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[s
     }
     if merged["segment.min_samples"] > merged["segment.max_samples"]:  # type: ignore[operator]
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")
+    delta = merged["relative.delta"]
+    if merged["relative.unit"] == "f" and delta != int(delta):  # type: ignore[arg-type]
+        raise ParameterError(f"relative.delta must be a whole number of frames, got {delta!r}")
     if merged["gp.hyperparameters"] == "fixed":
         for group in ("translation", "rotation"):
             for part in ("signal", *FURTHER_COMPONENTS):

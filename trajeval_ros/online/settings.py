@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import GAUGES, Gauge
-from trajeval_ros.conventional.step_pairs import StepUnit
+from trajeval_ros.conventional.step_pairs import STEP_UNITS, StepUnit
 from trajeval_ros.ground_truth import trajectory
 from trajeval_ros.ground_truth.hyperparameters import (
     FURTHER_COMPONENTS,
@@ -64,7 +64,7 @@ class EstimateSettings:
 
 @dataclass(frozen=True, slots=True)
 class EvaluationSettings:
-    """What the figures are of: ``window`` (ns), ``relative_delta`` (s or m, by its unit)."""
+    """What the figures are of: ``window`` (ns), ``relative_delta`` (by its unit)."""
 
     gauge: Gauge
     window: int
@@ -111,7 +111,7 @@ def settings_of(values: Mapping[str, Value], names: Sequence[str] = ONE) -> Sett
             window=read.nanoseconds("window.duration"),
             joint=read.text("likelihood.covariance") == "joint",
             relative_delta=read.number("relative.delta"),
-            relative_unit="m" if read.text("relative.unit") == "m" else "s",
+            relative_unit=next(u for u in STEP_UNITS if u == read.text("relative.unit")),
         ),
         estimates={
             name: EstimateSettings(

@@ -25,7 +25,7 @@ from trajeval_ros.likelihood.noise_equivalent import noise_equivalent_error
 from trajeval_ros.likelihood.relative import RunningRelative, relative, steps_likelihood
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.results import Health
-from trajeval_ros.online.window import EvaluatedPoses, Window, joint_covariance
+from trajeval_ros.online.window import EvaluatedPoses, Window
 
 Array = npt.NDArray[np.float64]
 Figures = dict[str, object]
@@ -269,25 +269,3 @@ def _distribution(found: Distribution | None) -> Figures | None:
         "min": found.minimum,
         "max": found.maximum,
     }
-
-
-def whole_run(
-    summary: Figures,
-    ground_truth: Array,
-    covariance: Array,
-    estimate: Array,
-    gauge: Gauge,
-    cross: tuple[Array, ...] = (),
-) -> Figures:
-    """Return the summary with ``absolute.log_likelihood_nonlinear`` over all poses of a run.
-
-    ``ground_truth`` and ``estimate`` (M, 4, 4), ``covariance`` (M, 6, 6): what the run's
-    evaluations held; ``cross``: what its results held.
-    """
-    run = summary["absolute"]
-    assert isinstance(run, dict)
-    nonlinear = None
-    if len(ground_truth) > 1:
-        joint = joint_covariance(covariance, cross or None)
-        nonlinear = _value(absolute(ground_truth, joint, estimate, gauge).likelihood)
-    return {**summary, "absolute": {**run, "log_likelihood_nonlinear": nonlinear}}

@@ -35,6 +35,12 @@ _TIME_CAPTION = (
     " one lie on one another as long as first order holds. What was gained within some seconds is"
     " what they added to the run's totals, given all before: the tables take the last ones alone."
 )
+_BOXES_CAPTION = (
+    "Relative errors from every pose to the one a tenth, a fifth, ... half of the path further on:"
+    " the box holds the middle half, the line in it is the median, nine in ten lie between the ends"
+    " of the whiskers. Neither alignment nor where the run began matters. Errors that grow with the"
+    " length are drift; as large over any length, they are not."
+)
 
 _HOW_TO_READ = (
     (
@@ -161,10 +167,13 @@ def _pictures(run: Run, series: Series | None, say: Callable[[str], None]) -> li
     if series is None:
         return []
     drawn: list[str] = []
-    for title, draw, caption in (
+    pictures: list[tuple[str, Callable[[Run, Series], str], str]] = [
         ("Trajectory", _trajectory, _TRAJECTORY_CAPTION),
         ("Over time", _over_time, _TIME_CAPTION),
-    ):
+    ]
+    if (run.summary.get("drift") or {}).get("sub_trajectories"):
+        pictures.append(("Over sub-trajectories", _boxes, _BOXES_CAPTION))
+    for title, draw, caption in pictures:
         try:
             drawn.append(_picture(title, partial(draw, run, series), caption, say))
         except ImportError:
@@ -183,6 +192,12 @@ def _over_time(run: Run, series: Series) -> str:
     from trajeval_ros.report import plots
 
     return plots.over_time(run, series)
+
+
+def _boxes(run: Run, series: Series) -> str:
+    from trajeval_ros.report import boxes
+
+    return boxes.sub_trajectories(run.summary["drift"]["sub_trajectories"])
 
 
 def _picture(title: str, draw: Callable[[], str], caption: str, say: Callable[[str], None]) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's figures, as SVG to stand in the page. Only this module knows matplotlib."""
+"""The report's figures, as SVG to stand in the page. This module and boxes know matplotlib."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from trajeval_ros.report.series import (
 
 Array = npt.NDArray[np.float64]
 
-_INK = "#1d2733"
+INK = "#1d2733"
 _MUTED = "#66727f"
 _GRID = "#e3e7eb"
 _TRUTH = "#c3cad1"
-_ESTIMATE = "#1769aa"
+ESTIMATE = "#1769aa"
 _ABSOLUTE = "#c2560c"
 _BAND = "#7fbf8e"
 _GAP = "#f3d9d4"
@@ -50,7 +50,7 @@ _MOST_TIMES_THE_USUAL = 40.0
 _TOGETHER = 0.06
 
 # matplotlib types the names of its settings one by one.
-_STYLE: Any = {
+STYLE: Any = {
     # Laid out in the font that matplotlib brings; the page shows its own, narrower one.
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -67,7 +67,7 @@ _STYLE: Any = {
     "axes.axisbelow": True,
     "grid.color": _GRID,
     "grid.linewidth": 0.6,
-    "text.color": _INK,
+    "text.color": INK,
     "xtick.color": _MUTED,
     "ytick.color": _MUTED,
     "legend.frameon": False,
@@ -89,7 +89,7 @@ def trajectory(run: Run, series: Series) -> str:
         "cmap": mpl.colormaps["viridis"],
         "norm": _colour_scale(series.translation_error),
     }
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         # Places by hand: finding them takes matplotlib longer than drawing.
         figure = Figure(figsize=(10.2, 4.7))
         plan, height = figure.subplots(
@@ -132,7 +132,7 @@ def trajectory(run: Run, series: Series) -> str:
         bar = figure.colorbar(lines, cax=figure.add_axes((0.91, 0.2, 0.018, 0.6)), extend="max")
         bar.outline.set_visible(False)
         bar.set_label(f"{_kind(series)}, translation, m")
-        return _svg(figure, "trajectory")
+        return svg(figure, "trajectory")
 
 
 def _draw_whole(axes: Any, run: Run, across: int, along: int) -> None:
@@ -195,7 +195,7 @@ def _label_ends(axes: Any, series: Series, across: int, along: int) -> None:
         (worst, f"worst: {series.translation_error[worst]:.3g} m", "v"),
     ):
         place = series.estimate[index, [across, along]]
-        axes.plot(*place, marker, color=_INK, markersize=5, markerfacecolor="white")
+        axes.plot(*place, marker, color=INK, markersize=5, markerfacecolor="white")
         for number, (other, said) in enumerate(labels):
             if np.linalg.norm(place - other) <= _TOGETHER * extent:
                 labels[number] = (other, f"{said}, {text}")
@@ -219,7 +219,7 @@ def _label_ends(axes: Any, series: Series, across: int, along: int) -> None:
 def over_time(run: Run, series: Series) -> str:
     """Errors, as a whole and by axes, log-likelihoods, χ² and coverage on one time axis."""
     gaps = coverage_gaps(run.ground_truth)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         # χ² by steps is the relative likelihood's, which does not know a scale.
         scaled = run.summary["gauge"] == "sim3"
         heights = (1.2, 1.0, 1.2, 1.0, 1.0, 1.0, *(() if scaled else (1.0,)), 0.9)
@@ -260,7 +260,7 @@ def over_time(run: Run, series: Series) -> str:
             panels[-1].xaxis.set_major_formatter(FuncFormatter(_with_distance(run.way, series)))
             below = " (below: distance along the ground truth)"
         panels[-1].set_xlabel(f"time, s{below}; shaded: no ground truth")
-        return _svg(figure, "time")
+        return svg(figure, "time")
 
 
 def _with_distance(way: Way, series: Series) -> Callable[[float, object], str]:
@@ -302,7 +302,7 @@ def _draw_error(axes: Any, series: Series, error: Array, band: Array) -> None:
         axes.plot(
             series.seconds[piece],
             error[piece],
-            color=_ESTIMATE,
+            color=ESTIMATE,
             label="error of the estimate" if count == 0 else None,
         )
     if logarithmic:
@@ -348,7 +348,7 @@ def _draw_likelihoods(running: Any, windowed: Any, run: Run, series: Series) -> 
     ):
         # The relative one lies under the absolute one where they are the same, as they often are.
         if run.summary["gauge"] != "sim3":
-            axes.plot(series.ends, relative, color=_ESTIMATE, linewidth=2.6, label="relative")
+            axes.plot(series.ends, relative, color=ESTIMATE, linewidth=2.6, label="relative")
         axes.plot(series.ends, absolute, color=_ABSOLUTE, linewidth=1.1, label="absolute")
         axes.set_title(title)
         axes.yaxis.set_major_formatter(FuncFormatter(_compact))
@@ -369,7 +369,7 @@ def _draw_chi2(axes: Any, run: Run, series: Series) -> None:
         label="as good as the ground truth (99 % of such windows)",
     )
     axes.axhline(1.0, color="#3f8f55", linewidth=0.7)
-    axes.plot(seconds, series.window_chi2[known] / dof, color=_ESTIMATE, label="relative")
+    axes.plot(seconds, series.window_chi2[known] / dof, color=ESTIMATE, label="relative")
     axes.set_yscale("log")
     axes.minorticks_off()
     axes.yaxis.set_major_formatter(FuncFormatter(_compact))
@@ -381,7 +381,7 @@ def _draw_chi2(axes: Any, run: Run, series: Series) -> None:
 def _draw_coverage(axes: Any, run: Run, series: Series) -> None:
     topics: Sequence[tuple[Coverage, int, str, str]] = (
         (run.ground_truth, 0, "#4f5b67", "ground truth"),
-        (run.estimate, offset(run), _ESTIMATE, "estimate"),
+        (run.estimate, offset(run), ESTIMATE, "estimate"),
     )
     for coverage, shift, colour, label in topics:
         edges, rate = rate_of(coverage, series.start, series.end, shift)
@@ -450,7 +450,7 @@ def _compact(value: float, _: object) -> str:
     return f"{value:g}"
 
 
-def _svg(figure: Figure, name: str) -> str:
+def svg(figure: Figure, name: str) -> str:
     """Return the figure as an SVG element whose ids are its own."""
     with mpl.rc_context({"svg.hashsalt": name}):
         buffer = io.StringIO()

@@ -334,11 +334,43 @@ def figures(run: Run) -> list[Row]:
             "conventional relative error, RMSE",
         ),
         *_distribution(conventional, "re", "RE"),
+        *_over_all_pairs(run.summary.get("drift") or {}, _step(run)),
+        *_kitti(run.summary.get("drift") or {}),
     ]
     if summary["gauge"] == "sim3":
         # A step of the estimate is not in metres, and its likelihood means nothing.
         return [row for row in rows if not row[0].startswith(_UNSCALED)]
     return rows
+
+
+def _over_all_pairs(drift: Mapping[str, Any], step: str) -> list[Row]:
+    found = drift.get("all_pairs")
+    if not found:
+        return []
+    translation, rotation = (found[f"re_{part}_rmse"] for part in ("translation", "rotation"))
+    return [
+        (
+            f"RE over {step}, all pairs",
+            f"{length(translation)}, {angle(rotation)}",
+            f"RMSE of {found['pairs']:,} steps, from every pose; they overlap",
+        )
+    ]
+
+
+def _kitti(drift: Mapping[str, Any]) -> list[Row]:
+    """The benchmark's drift, over all lengths and over each."""
+    found = drift.get("kitti")
+    if not found:
+        return []
+    return [
+        (
+            f"Drift over {each['length']:g} m" if "length" in each else "Drift, KITTI's",
+            f"{number(100.0 * each['translation'])} %, {angle(each['rotation'])}/m",
+            f"mean of {each['subsequences']:,} sub-trajectories"
+            + ("" if "length" in each else " of 100 to 800 m"),
+        )
+        for each in (found, *found["lengths"])
+    ]
 
 
 def _distribution(conventional: Mapping[str, Any], name: str, title: str) -> list[Row]:

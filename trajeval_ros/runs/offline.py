@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.alignment.gauge import Gauge
 from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.lost import lost
@@ -30,7 +29,7 @@ from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
 from trajeval_ros.online.settings import EvaluationSettings
-from trajeval_ros.online.summary import whole_run
+from trajeval_ros.online.whole_run import Poses, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.wall import shield
@@ -139,7 +138,7 @@ def _scored(
     offset = engine.settings.estimates[name].time_offset
     evaluated = kept.evaluated(name, offset)
     if len(evaluated):
-        summary = kept.complete(summary, engine.settings.evaluation.gauge)
+        summary = kept.complete(summary, engine.settings.evaluation)
     if len(evaluated) and whole:
         lack: dict[str, Figures] = {}
         models = shield(
@@ -260,7 +259,7 @@ def _left_out(trajectory: Trajectory) -> dict[str, npt.NDArray[np.int64]]:
 
 
 class WholeRun:
-    """Every evaluated pose of a run, for the one figure that needs them all at once."""
+    """Every evaluated pose of a run, for the figures that need them all at once."""
 
     def __init__(self) -> None:
         self._poses: list[Evaluations] = []
@@ -285,16 +284,13 @@ class WholeRun:
         """Which of the poses (N,) lie outside the ground truth's gaps."""
         return np.concatenate([poses.sampled for poses in self._poses])
 
-    def complete(self, summary: Figures, gauge: Gauge) -> Figures:
-        """Return the summary with the nonlinear absolute log-likelihood over all poses."""
-        return whole_run(
-            summary,
-            np.concatenate([poses.ground_truth for poses in self._poses]),
-            np.concatenate([poses.covariance for poses in self._poses]),
-            np.concatenate([poses.estimate for poses in self._poses]),
-            gauge,
-            tuple(self._cross),
-        )
+    def complete(self, summary: Figures, settings: EvaluationSettings) -> Figures:
+        """Return the summary with the figures that need all poses."""
+        names = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
+        columns = {
+            name: np.concatenate([getattr(poses, name) for poses in self._poses]) for name in names
+        }
+        return whole_run(summary, Poses(**columns, cross=tuple(self._cross)), settings)
 
 
 def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> list[str]:
