@@ -35,7 +35,10 @@ def cut_by_hand(path: Path, target: Path, begin: float, end: float) -> Path:
 
 
 def summary_of(folder: Path) -> Any:
-    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    """Without the files that it is of: those differ."""
+    found = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    found.pop("inputs", None)
+    return found
 
 
 def test_it_is_the_file_cut_by_hand(

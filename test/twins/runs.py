@@ -171,6 +171,8 @@ def leaves(value, path=""):
         return {
             p: v for key, item in value.items() for p, v in leaves(item, f"{path}/{key}").items()
         }
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        return leaves(dict(enumerate(value)), path)
     return {path: value}
 
 
