@@ -104,6 +104,35 @@ def test_a_signal_delivered_twice_ends_it_well(
     assert {path.name for path in out.iterdir()} == {"summary.json", "poses.csv", "report.html"}
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_nothing_that_was_evaluated_is_overwritten_by_less(
+    graph: Graph, tmp_path: Path, number: signal.Signals
+) -> None:
+    out = tmp_path / "out"
+    node = graph.start_evaluator(output__directory=str(out), **FIXED)
+    counts = play(graph)
+    graph.until_accounted("ground_truth", counts[0])
+    graph.until_accounted("estimate", counts[1])
+    assert graph.call("/evaluator/save").success
+    saved = summary_in(out)["estimate"]["evaluated"]
+    assert saved > 0
+    answer = graph.call("/evaluator/reset")
+    assert answer.success
+    assert answer.message == f"started over; the run so far is in {out / 'run_1'}"
+    # Saved without a pose: refused with the reason, and nothing is lost.
+    refused = graph.call("/evaluator/save")
+    assert not refused.success
+    assert "nothing has been evaluated yet" in refused.message
+    assert node.end(number) == 0, node.output
+    for folder in (out, out / "run_1"):
+        summary = summary_in(folder)
+        assert summary["estimate"]["received"] == counts[1]
+        assert summary["estimate"]["evaluated"] >= saved
+        rows = (folder / "poses.csv").read_text(encoding="utf-8").count("\n") - 1
+        assert rows == summary["estimate"]["evaluated"]
+        assert (folder / "report.html").stat().st_size > 0
+
+
 def test_a_signal_while_it_starts_ends_it_well(graph: Graph) -> None:
     node = graph.start_evaluator()
     # Before it is there it has Python's own answer; once it answers, ours.

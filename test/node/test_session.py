@@ -208,10 +208,66 @@ def test_an_archive_keeps_what_was_written_and_not_what_comes_later(tmp_path: Pa
     assert rows.count("\n") > 50
     (tmp_path / "report.html").rmdir()
     run.reset()
+    # A run without a pose does not take the place of one that has some.
+    assert run.save() is None
+    run.feed(*data.run(3.0))
+    run.finish()
     assert run.save(last=True) == tmp_path
     run.close()
     assert (kept / "poses.csv").read_text(encoding="utf-8") == rows
-    assert (tmp_path / "poses.csv").read_text(encoding="utf-8").count("\n") == 1
+    assert 1 < (tmp_path / "poses.csv").read_text(encoding="utf-8").count("\n") < rows.count("\n")
+    assert sorted(path.name for path in tmp_path.glob("run_*")) == ["run_1"]
+
+
+def evaluated_in(folder: Path) -> int:
+    text = (folder / "summary.json").read_text(encoding="utf-8")
+    return int(json.loads(text)["estimate"]["evaluated"])
+
+
+def test_an_earlier_process_s_results_are_kept_beside_ours(tmp_path: Path) -> None:
+    counts = []
+    for duration in (6.0, 4.0, 5.0):
+        run = session(output__directory=str(tmp_path))
+        run.feed(*data.run(duration))
+        run.finish()
+        # Saved again and again, it is one run.
+        assert run.save() == tmp_path
+        assert run.save(last=True) == tmp_path
+        run.close()
+        counts.append(evaluated_in(tmp_path))
+    assert sorted(path.name for path in tmp_path.glob("run_*")) == ["run_1", "run_2"]
+    assert [evaluated_in(tmp_path / f"run_{n}") for n in (1, 2)] == counts[:2]
+    assert counts[1] < counts[2] < counts[0]
+
+
+def test_a_run_without_a_pose_writes_only_where_there_is_nothing(tmp_path: Path) -> None:
+    run = session(output__directory=str(tmp_path))
+    truth, estimate = data.run(3.0)
+    run.feed(None, estimate)
+    run.finish()
+    assert run.archive() is None
+    # Its account says why there is none.
+    assert run.save() == tmp_path
+    assert evaluated_in(tmp_path) == 0
+    run.reset()
+    run.feed(truth, estimate)
+    run.finish()
+    assert run.save(last=True) == tmp_path
+    run.close()
+    assert evaluated_in(tmp_path) > 0
+
+
+def test_the_summary_says_of_what_topics_it_is(tmp_path: Path) -> None:
+    run = session(output__directory=str(tmp_path))
+    run.feed(*data.run(3.0))
+    run.finish()
+    run.save(last=True)
+    run.close()
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert set(summary["inputs"]) == {"ground_truth", "estimate"}
+    assert all(set(each) == {"topic"} for each in summary["inputs"].values())
+    assert summary["parameters"]["gp.hyperparameters"] == "fixed"
+    assert summary["coverage"]["time"] == 1.0
 
 
 # Fast batches for half a second, slow ones until the queue must be empty.

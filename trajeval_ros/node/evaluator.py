@@ -168,9 +168,19 @@ class Evaluator(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._process()
+        self._publish(self._session.finish())
+        try:
+            copy = self._session.archive()
+        except OutputError as error:
+            # Nothing is thrown away that could not be kept.
+            self.get_logger().error(str(error))
+            response.success = False
+            response.message = f"not started over, as the run could not be kept: {error}"
+            return response
         self._reset()
-        self.get_logger().info("reset on request")
-        response.success, response.message = True, "started over"
+        response.success = True
+        response.message = "started over" + (f"; the run so far is in {copy}" if copy else "")
+        self.get_logger().info(f"on request: {response.message}")
         return response
 
     def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -181,7 +191,9 @@ class Evaluator(Node):
         return response
 
     def _why_not_written(self) -> str:
-        return self._session.error or "output.directory is not set"
+        if self._session.error or not self._session.directory:
+            return self._session.error or "output.directory is not set"
+        return "nothing has been evaluated yet, so what is there stays"
 
     # ------------------------------------------------------------------------------------- work
 

@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
+from trajeval_ros.runs.origin import origin
 
 UNDECODABLE = "undecodable"
 """Why a message is rejected that the engine never sees."""
@@ -35,10 +37,12 @@ class Session:
         self.engine = Engine(values)
         self.error: str | None = None
         self._report = Report(values, sources)
+        self._topics = tuple({"topic": sources[name]} for name in ("ground truth", "estimate"))
         self._directory = str(values["output.directory"])
         self._folder: OutputFolder | None = None
         self._unwritten = 0  # poses evaluated while there was no folder for them
-        self._finished_runs = 0
+        # Whether what is in the folder is of the run that goes on, and may be written anew.
+        self._is_ours = False
         self._causes: tuple[Cause, ...] = ()
         self._examined = 0
         # Of ground truth and estimate.
@@ -85,6 +89,11 @@ class Session:
             ground_truth=_with_undecodable(health.ground_truth, truth),
             estimate=_with_undecodable(health.estimate, estimate),
         )
+
+    @property
+    def directory(self) -> str:
+        """Where results go; empty if nowhere."""
+        return self._directory
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -142,9 +151,11 @@ class Session:
         return results
 
     def save(self, *, last: bool = False) -> Path | None:
-        """Write the output folder and return it; None where there is none to write.
+        """Write the output folder and return it; None where there is nothing to write.
 
-        After the ``last`` time nothing more is evaluated.
+        That is without a folder, and for a run in which nothing has been evaluated, where there
+        are results. Those of another run are kept first: nothing is overwritten by less. After the
+        ``last`` time nothing more is evaluated.
 
         Raises
         ------
@@ -157,13 +168,22 @@ class Session:
         if folder is None:
             assert self.error is not None
             raise OutputError(self.error)
+        if not self._is_ours and (folder.path / FILES[0]).exists():
+            if self.is_empty:
+                return None
+            self._keep_earlier(folder.path)
+        self._is_ours = True
         self.look_for_causes()
         causes = [asdict(cause) for cause in self._causes]
         self._report.notices = self.engine.notices()
+        self._report.way = self.engine.way()
+        summary = {
+            **origin(self.engine.parameters, *self._topics),
+            **self.summary(),
+            "likely_causes": causes,
+        }
         try:
-            folder.write(
-                {**self.summary(), "likely_causes": causes}, self._report.render, last=last
-            )
+            folder.write(summary, self._report.render, last=last)
         except OutputError as error:
             self.error = str(error)
             raise
@@ -173,9 +193,12 @@ class Session:
     def archive(self) -> Path | None:
         """Write the output folder and keep a copy, which the next run does not overwrite.
 
-        Returns the copy, ``run_1``, ``run_2``, ... in the folder. Raises OutputError if it, or a
-        part of it, cannot be written.
+        Returns the copy, ``run_1``, ``run_2``, ... in the folder; None for a run in which nothing
+        has been evaluated, which has nothing to keep. Raises OutputError if it, or a part of it,
+        cannot be written.
         """
+        if self.is_empty:
+            return None
         failures: dict[str, str] = {}
         try:
             saved = self.save()
@@ -185,13 +208,9 @@ class Session:
             saved, failures = self._folder.path, error.failures
         if saved is None:
             return None
-        self._finished_runs += 1
-        copy = saved / f"run_{self._finished_runs}"
+        copy = _free(saved)
         try:
-            copy.mkdir(exist_ok=True)
-            for name in FILES:
-                if name not in failures and (saved / name).exists():
-                    _keep(saved / name, copy / name)
+            _keep_files(saved, copy, [name for name in FILES if name not in failures])
         except OSError as error:
             failures[copy.name] = f"cannot write {copy}: {error.strerror or error}"
         if failures:
@@ -199,8 +218,25 @@ class Session:
             raise OutputError(self.error, failures)
         return copy
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing has been evaluated since the start, or the last one."""
+        return not self.engine.health().estimate.used
+
+    def _keep_earlier(self, folder: Path) -> None:
+        """Keep what another run has written: an earlier one, or one of an earlier process."""
+        copy = _free(folder)
+        if any(_same_file(folder / FILES[0], kept / FILES[0]) for kept in folder.glob("run_*")):
+            return
+        try:
+            _keep_files(folder, copy, FILES)
+        except OSError as error:
+            text = f"cannot write {copy}: {error.strerror or error}"
+            raise OutputError(text) from error
+
     def reset(self) -> None:
         """Start over; files that are written stay until the next time they are."""
+        self._is_ours = False
         self.engine.reset()
         self._unwritten = 0
         self._undecodable = [0, 0]
@@ -242,6 +278,7 @@ class Session:
         except OutputError as error:
             raise ParameterError(str(error)) from error
         self._directory = directory
+        self._is_ours = False
         self.error = None
 
     def close(self) -> None:
@@ -249,6 +286,30 @@ class Session:
         if self._folder is not None:
             self._folder.close()
             self._folder = None
+
+
+def _free(folder: Path) -> Path:
+    """The first of ``run_1``, ``run_2``, ... that is not there yet."""
+    return next(
+        path
+        for path in (folder / f"run_{number}" for number in itertools.count(1))
+        if not path.exists()
+    )
+
+
+def _keep_files(folder: Path, copy: Path, names: Iterable[str]) -> None:
+    copy.mkdir()
+    for name in names:
+        if (folder / name).is_file():
+            _keep(folder / name, copy / name)
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    """Whether both are one file, or have the same in them: it has been kept already."""
+    try:
+        return one.samefile(other) or one.read_bytes() == other.read_bytes()
+    except OSError:
+        return False
 
 
 def _keep(path: Path, kept: Path) -> None:
