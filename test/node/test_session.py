@@ -208,8 +208,8 @@ def test_an_archive_keeps_what_was_written_and_not_what_comes_later(tmp_path: Pa
     assert rows.count("\n") > 50
     (tmp_path / "report.html").rmdir()
     run.reset()
-    # A run without a pose does not take the place of one that has some.
-    assert run.save() is None
+    # The end of a run without a pose does not take the place of one that has some.
+    assert run.save(last=True) is None
     run.feed(*data.run(3.0))
     run.finish()
     assert run.save(last=True) == tmp_path
@@ -247,7 +247,7 @@ def test_a_run_without_a_pose_writes_only_where_there_is_nothing(tmp_path: Path)
     run.finish()
     assert run.archive() is None
     # Its account says why there is none.
-    assert run.save() == tmp_path
+    assert run.save(last=True) == tmp_path
     assert evaluated_in(tmp_path) == 0
     run.reset()
     run.feed(truth, estimate)

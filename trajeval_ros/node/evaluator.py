@@ -191,9 +191,7 @@ class Evaluator(Node):
         return response
 
     def _why_not_written(self) -> str:
-        if self._session.error or not self._session.directory:
-            return self._session.error or "output.directory is not set"
-        return "nothing has been evaluated yet, so what is there stays"
+        return self._session.error or "output.directory is not set"
 
     # ------------------------------------------------------------------------------------- work
 

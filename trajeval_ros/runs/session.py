@@ -91,11 +91,6 @@ class Session:
         )
 
     @property
-    def directory(self) -> str:
-        """Where results go; empty if nowhere."""
-        return self._directory
-
-    @property
     def causes(self) -> tuple[Cause, ...]:
         """What is likely wrong with the data, as far as `look_for_causes` has seen."""
         return self._causes
@@ -153,9 +148,9 @@ class Session:
     def save(self, *, last: bool = False) -> Path | None:
         """Write the output folder and return it; None where there is nothing to write.
 
-        That is without a folder, and for a run in which nothing has been evaluated, where there
-        are results. Those of another run are kept first: nothing is overwritten by less. After the
-        ``last`` time nothing more is evaluated.
+        That is without a folder, and at the end of a run in which nothing has been evaluated, where
+        there are results. Those of another run are kept first: nothing is overwritten by less.
+        After the ``last`` time nothing more is evaluated.
 
         Raises
         ------
@@ -169,7 +164,7 @@ class Session:
             assert self.error is not None
             raise OutputError(self.error)
         if not self._is_ours and (folder.path / FILES[0]).exists():
-            if self.is_empty:
+            if self.is_empty and last:
                 return None
             self._keep_earlier(folder.path)
         self._is_ours = True
