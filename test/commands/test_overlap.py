@@ -80,8 +80,11 @@ def test_where_all_of_the_ground_truth_is_rejected_it_is_named(
 ) -> None:
     rows = [line.split() for line in run[0].read_text().splitlines()[1:]]
     truth = tmp_path / "truth.txt"
-    truth.write_text("".join(" ".join([*row[:4], "0 0 0 0"]) + "\n" for row in rows))
+    # Numbers of many sizes that are no quaternions.
+    numbers = [f"0 0 0 {0.1 + 0.1 * (i % 7)}" for i in range(len(rows))]
+    lines = [" ".join([*row[:4], q]) for row, q in zip(rows, numbers, strict=True)]
+    truth.write_text("\n".join(lines) + "\n")
     assert evaluate.main(["tum", str(truth), str(run[1])]) == 1
     line = capsys.readouterr().err
     assert f"of the ground truth's {len(rows):,} none could be used" in line
-    assert "zero_quaternion" in line
+    assert "unnormalized_quaternion" in line

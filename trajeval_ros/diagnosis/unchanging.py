@@ -52,7 +52,8 @@ def constant_orientation(stamps: Stamps, ground_truth: Array, estimate: Array) -
                 f"the {title}'s orientation never changes (x y z w is {x:.3g} {y:.3g} {z:.3g}"
                 f" {w:.3g} throughout), while the {other_title} turns by"
                 f" {np.degrees(turned):.0f} degrees: many a converter writes 0 0 0 1",
-                f"write the {title}'s own quaternions; until then no figure of rotation holds",
+                f"write the {title}'s own quaternions, if it has any; until then no figure that"
+                " needs them holds",
             ),
         )
     return ()

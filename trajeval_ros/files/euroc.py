@@ -3,7 +3,7 @@
 """The EuRoC format: a row is ``stamp[ns], px, py, pz, qw, qx, qy, qz`` and maybe more.
 
 ``state_groundtruth_estimate0/data.csv`` has 17 columns (velocity and IMU biases follow, which
-are not read), ``vicon0/data.csv`` has 8, VINS-Mono's results 11.
+are not read), ``vicon0/data.csv`` has 8, ``leica0/data.csv`` 4, VINS-Mono's results 11.
 """
 
 from trajeval_ros.files.names import Columns
@@ -17,7 +17,7 @@ _COLUMNS = {
     17: "stamp px py pz qw qx qy qz, velocity, gyroscope and accelerometer bias",
 }
 _NAMED = Columns((0,), NANOSECONDS, (1, 2, 3), 1.0, (5, 6, 7, 4))
-_LAYOUT = Layout(_COLUMNS, at_least=8, named=_NAMED)
+_LAYOUT = Layout(_COLUMNS, also={4: "stamp px py pz"}, at_least=8, named=_NAMED)
 
 
 def read_euroc(path: PathLike) -> Trajectory:
@@ -30,6 +30,8 @@ def read_euroc(path: PathLike) -> Trajectory:
     table = read_table(path, _LAYOUT)
     stamps, finite, remarks = read_stamps(table, NANOSECONDS)
     count = table.values.shape[1]
+    if count == 4:
+        return trajectory_of(table, stamps, finite, table.values[:, 1:4], None, remarks)
     if table.named is None and count not in _COLUMNS:
         remarks = (*remarks, f"{count - 8} columns after the first 8 are not read")
     order = [5, 6, 7, 4] if table.named is None else [4, 5, 6, 7]

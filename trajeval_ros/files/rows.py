@@ -27,14 +27,14 @@ def trajectory_of(
     stamps: Integers,
     finite: Mask,
     positions: Array,
-    quaternions: Array,
+    quaternions: Array | None,
     remarks: tuple[str, ...],
     covariances: Array | None = None,
 ) -> Trajectory:
     """The trajectory of a table's rows, by stamp.
 
-    ``stamps`` (N,) ns, of which ``finite`` (N,) are; ``positions`` (N, 3), ``quaternions`` (N, 4),
-    ``covariances`` (N, 6, 6) or None.
+    ``stamps`` (N,) ns, of which ``finite`` (N,) are; ``positions`` (N, 3); ``quaternions`` (N, 4)
+    and ``covariances`` (N, 6, 6), or None.
 
     Raises:
         TrajectoryFileError: all stamps are the same.
@@ -45,6 +45,10 @@ def trajectory_of(
             f"all {len(stamps):,} rows have one stamp, {table.first[0]}: it was never set, or"
             " written with too few digits",
         )
+    oriented = quaternions is not None and not _none_is_given(quaternions)
+    if quaternions is None or not oriented:
+        quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1))
+        remarks = (*remarks, "positions only: figures that need orientations are left out")
     quaternions, renormed = _normalised(quaternions)
     metres = 1.0 if table.named is None else table.named.metres
     return ordered(
@@ -56,9 +60,17 @@ def trajectory_of(
             source=table.source,
             covariances=None if covariances is None else covariances[finite],
             non_finite_stamp_rows=table.rows[~finite],
+            has_orientation=oriented,
             remarks=(*table.remarks, *remarks, *renormed),
         )
     )
+
+
+def _none_is_given(quaternions: Array) -> bool:
+    """Whether there are rows (N, 4), and all are NaN or zero: no orientation is meant."""
+    if len(quaternions) < _FEWEST:
+        return False
+    return bool((np.isnan(quaternions).all(axis=1) | (quaternions == 0.0).all(axis=1)).all())
 
 
 def _normalised(quaternions: Array) -> tuple[Array, tuple[str, ...]]:

@@ -49,6 +49,7 @@ class Trajectory:
         non_finite_stamp_rows: (K,) int64, rows left out.
         cut: how many rows were left out because they lie outside the span that was asked for.
         superseded_rows: (L,) int64, rows left out because a later one has the same stamp.
+        has_orientation: False where the file has none: the quaternions are 0 0 0 1 then.
         remarks: what was read differently from the plain format, a clause each.
     """
 
@@ -65,6 +66,7 @@ class Trajectory:
     superseded_rows: Integers = dataclasses.field(
         default_factory=lambda: np.zeros(0, dtype=np.int64)
     )
+    has_orientation: bool = True
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

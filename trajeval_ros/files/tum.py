@@ -16,7 +16,10 @@ _NAMED = Columns((0,), SECONDS, (1, 2, 3), 1.0, (4, 5, 6, 7))
 _WITH_COVARIANCE = 20
 _LAYOUT = Layout(
     {8: "stamp tx ty tz qx qy qz qw"},
-    also={_WITH_COVARIANCE: "and two covariances, of orientation and position"},
+    also={
+        4: "stamp tx ty tz",
+        _WITH_COVARIANCE: "and two covariances, of orientation and position",
+    },
     named=_NAMED,
     index=True,
 )
@@ -35,6 +38,8 @@ def read_tum(path: PathLike) -> Trajectory:
     table = read_table(path, _LAYOUT)
     stamps, finite, remarks = read_stamps(table, SECONDS)
     quaternions, covariances = table.values[:, 4:8], None
+    if table.values.shape[1] == 4:
+        return trajectory_of(table, stamps, finite, table.values[:, 1:4], None, remarks)
     if table.values.shape[1] == _WITH_COVARIANCE:
         covariances = covariances_of(table.values[:, 8:], quaternions)
         remarks = (*remarks, "columns 9 to 20 are covariances, of orientation and position")

@@ -25,6 +25,11 @@ from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.report import Report
 from trajeval_ros.runs.offline import causes_of_rows, compared, count_left_out, why_none
 from trajeval_ros.runs.origin import origin
+from trajeval_ros.runs.position_only import (
+    is_position_only,
+    notices_on_positions,
+    without_orientation,
+)
 from trajeval_ros.wall import shield
 
 # Points of the report's running figures.
@@ -180,7 +185,11 @@ def _result(
         poses.stamps, poses.ground_truth, poses.covariance, poses.estimate, poses.sampled, cross
     )
     summary = whole_run.whole_run(summary, run, engine.settings.evaluation)
-    if not joint:
+    position_only = is_position_only(truth.data, estimate.data)
+    if position_only:
+        summary = without_orientation(summary)
+        record.notices = notices_on_positions(record.notices)
+    if not joint and not position_only:
         model = shield("the error model", lambda: _model(engine, name, poses), None, record.say)
         if model is not None:
             summary["error_model"] = model

@@ -32,6 +32,11 @@ from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.whole_run import Poses, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.origin import origin
+from trajeval_ros.runs.position_only import (
+    is_position_only,
+    notices_on_positions,
+    without_orientation,
+)
 from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
@@ -139,7 +144,11 @@ def _scored(
     evaluated = kept.evaluated(name, offset)
     if len(evaluated):
         summary = kept.complete(summary, engine.settings.evaluation)
-    if len(evaluated) and whole:
+    position_only = is_position_only(truth, estimate)
+    if position_only:
+        summary = without_orientation(summary)
+        report.notices = notices_on_positions(report.notices)
+    if len(evaluated) and whole and not position_only:
         lack: dict[str, Figures] = {}
         models = shield(
             "the error model", lambda: _models(engine, evaluated, name), lack, report.say

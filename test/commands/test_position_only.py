@@ -1,0 +1,89 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ground truth without orientation: what the positions tell is right, all else is absent."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import trajeval_ros as te
+from trajeval_ros.commands import evaluate
+from trajeval_ros.commands.simulate import write_files
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A short simulated run: ground truth and estimate."""
+    return write_files(tmp_path_factory.mktemp("run"), 20.0, 3)
+
+
+@pytest.fixture(scope="module")
+def known(run: tuple[Path, Path]) -> float:
+    result = te.evaluate(te.read_tum(run[0]), te.read_tum(run[1]))
+    return float(result.summary["conventional"]["ate_translation_rmse"])
+
+
+def rewritten(
+    path: Path, to: Path, change: Callable[[list[str]], list[str]], head: str = ""
+) -> str:
+    rows = [line.split() for line in path.read_text().splitlines()[1:]]
+    to.write_text(head + "".join(" ".join(change(row)) + "\n" for row in rows))
+    return str(to)
+
+
+WRITTEN: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
+    "four columns": (lambda row: row[:4], ""),
+    "no number": (lambda row: [*row[:4], *["nan"] * 4], ""),
+    "zero": (lambda row: [*row[:4], *["0"] * 4], ""),
+    "constant": (lambda row: [*row[:4], "0", "0", "0", "1"], ""),
+    "named": (lambda row: [row[3], row[0], row[1], row[2]], "z t x y\n"),
+    "as of OpenVINS": (
+        lambda row: [*row[:4], "0 0 0 1 0 0 0 0 0 0 1e-6 0 0 1e-6 0 1e-6"],
+        "",
+    ),
+    "in UTM": (
+        lambda row: [row[0], str(float(row[1]) + 32_654_321), str(float(row[2]) + 5e6), row[3]],
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("way", WRITTEN)
+def test_the_positions_are_evaluated_and_orientations_are_left_out(
+    way: str, run: tuple[Path, Path], known: float, tmp_path: Path, capsys: Any
+) -> None:
+    truth = rewritten(run[0], tmp_path / "truth.txt", *WRITTEN[way])
+    assert evaluate.main(["tum", truth, str(run[1]), "--output", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    assert "likely cause: the ground truth's orientation never changes" in out or (
+        "positions only: figures that need orientations are left out" in out
+    )
+    assert "error: " not in out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["position_only"] is True
+    assert summary["conventional"]["ate_translation_rmse"] == pytest.approx(known, rel=1e-3)
+    assert summary["conventional"]["ate_rotation_rmse"] is None
+    assert summary["conventional"]["re_rotation_rmse"] is None
+    assert summary["relative"]["log_likelihood"] is None
+    assert "error_model" not in summary
+
+
+def test_the_same_in_python(run: tuple[Path, Path], known: float, tmp_path: Path) -> None:
+    truth = rewritten(run[0], tmp_path / "truth.txt", lambda row: row[:4])
+    summary = te.evaluate(te.read_tum(truth), te.read_tum(run[1])).summary
+    assert summary["position_only"] is True
+    assert summary["conventional"]["ate_translation_rmse"] == pytest.approx(known, rel=1e-3)
+
+
+def test_a_robot_that_never_turns_has_an_orientation(tmp_path: Path) -> None:
+    stamps = [0.05 * i for i in range(400)]
+    for name, scale in (("truth", 1.0), ("estimate", 1.01)):
+        rows = [f"{t:.3f} {scale * (t - 10) ** 2 / 50:.6f} {t / 4:.6f} 0 0 0 0 1" for t in stamps]
+        (tmp_path / name).write_text("\n".join(rows) + "\n")
+    read = te.read_tum(tmp_path / "truth"), te.read_tum(tmp_path / "estimate")
+    summary = te.evaluate(*read).summary
+    assert "position_only" not in summary
+    assert summary["conventional"]["ate_rotation_rmse"] is not None
