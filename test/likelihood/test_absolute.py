@@ -23,6 +23,7 @@ from twins.trajectories import (
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import GAUGES, NONE, SE3, SIM3, YAW_TRANSLATION, Similarity
 from trajeval_ros.alignment.observability import Motion, Status
+from trajeval_ros.likelihood import search
 from trajeval_ros.likelihood.absolute import Ending, RunningAbsolute, absolute
 from trajeval_ros.likelihood.gaussian import CovarianceError
 from trajeval_ros.likelihood.relative import relative
@@ -215,6 +216,18 @@ def test_cuts_do_not_matter(name, bandwidth, data):
         cut.update(*piece)
     assert cut.total.chi2 == pytest.approx(whole.total.chi2, rel=1e-7, abs=1e-7)
     assert cut.total.log_det == pytest.approx(whole.total.log_det, rel=1e-9, abs=1e-7)
+
+
+@pytest.mark.parametrize("bandwidth", [0, 2])
+def test_pieces_do_not_matter(bandwidth, monkeypatch):
+    problem = simulated(8, SIM3, factor=5.0, bandwidth=bandwidth)
+    expected = absolute(*problem, SIM3)
+    monkeypatch.setattr(search, "_PIECE", 7)
+    found = absolute(*problem, SIM3)
+    assert found.likelihood.log_likelihood == pytest.approx(expected.likelihood.log_likelihood)
+    assert found.likelihood.dof == expected.likelihood.dof
+    np.testing.assert_allclose(found.alignment.pose, expected.alignment.pose, atol=1e-9)
+    np.testing.assert_allclose(found.residual, expected.residual, atol=1e-9)
 
 
 def test_the_estimates_world_does_not_matter():

@@ -104,7 +104,7 @@ def absolute(
         information.integral() if observed.scale_observed else None,
         best,
         _alignment_covariance(problem.gauge, best, centre, information, observed),
-        problem.residual(best)[0],
+        problem.residuals(best),
         observed,
         ending,
         iterations,

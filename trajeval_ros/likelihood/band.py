@@ -12,6 +12,7 @@ one more block, and LAPACK's banded routines take as many blocks at a time as th
 """
 
 import copy
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,6 +101,16 @@ class BandFactor:
         Raises CovarianceError where V is not positive definite.
         """
         return BandFactor(factorize(lower_band(blocks)))
+
+    def pieces(self, size: int) -> Iterator[tuple[slice, "BandFactor"]]:
+        """So many poses at a time, and their factor: all at once where they are not independent."""
+        count = self.band.shape[1] // BLOCK
+        if len(self.band) > BLOCK or count <= size:
+            yield slice(count), self
+            return
+        for begin in range(0, count, size):
+            end = begin + size
+            yield slice(begin, end), BandFactor(self.band[:, BLOCK * begin : BLOCK * end])
 
     @property
     def log_det(self) -> float:

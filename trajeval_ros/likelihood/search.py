@@ -6,7 +6,8 @@ See `absolute` for what is minimised.
 """
 
 import enum
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -67,6 +68,10 @@ _ROUND_OFF = 1e-11
 _MAX_DAMPING = 1e12
 
 
+# So many poses at a time.
+_PIECE = 4096
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """Residuals, whitened, as functions of the alignment.
@@ -86,18 +91,39 @@ class Problem:
         aligned = alignment.apply(self.estimate)
         return absolute_residual(self.ground_truth, aligned), aligned
 
+    def residuals(self, alignment: Similarity) -> Array:
+        """All residuals alone, (M, 6)."""
+        return np.concatenate([piece.residual(alignment)[0] for piece in self._pieces()])
+
     def chi2(self, alignment: Similarity) -> float:
         """What is minimised."""
-        residual, _ = self.residual(alignment)
-        return float((self.factor.whiten(residual) ** 2).sum())
+        return sum(
+            float((piece.factor.whiten(piece.residual(alignment)[0]) ** 2).sum())
+            for piece in self._pieces()
+        )
 
     def linearize(self, alignment: Similarity) -> Information:
         """What the residuals, linear about an alignment, say of its perturbation."""
-        residual, aligned = self.residual(alignment)
-        jacobian = self.gauge.jacobian(residual, aligned, self.centre)
-        columns = np.concatenate([jacobian, residual[..., None]], axis=-1)
-        none = Information.none(self.gauge.dimension)
-        return none.absorb(self.factor.whiten(columns), self.factor.log_det)
+        information = Information.none(self.gauge.dimension)
+        for piece in self._pieces():
+            residual, aligned = piece.residual(alignment)
+            jacobian = self.gauge.jacobian(residual, aligned, self.centre)
+            columns = np.concatenate([jacobian, residual[..., None]], axis=-1)
+            information = information.absorb(piece.factor.whiten(columns), piece.factor.log_det)
+        return information
+
+    def _pieces(self) -> "Iterator[Problem]":
+        """Poses that are independent of each other a few at a time: a run may be long."""
+        if isinstance(self.factor, FactorRows):
+            yield self
+            return
+        for here, factor in self.factor.pieces(_PIECE):
+            yield replace(
+                self,
+                ground_truth=self.ground_truth[here],
+                estimate=self.estimate[here],
+                factor=factor,
+            )
 
 
 # The scale never falls below this share of itself in one step.
