@@ -5,6 +5,7 @@
 import contextlib
 import csv
 import dataclasses
+import errno
 import json
 import os
 import shutil
@@ -449,3 +450,25 @@ def test_rows_from_before_there_was_a_folder_are_counted(tmp_path: Path) -> None
     assert list(caught.value.failures) == ["poses.csv"]
     assert "lacks 7 poses, which could not be written: no room" in str(caught.value)
     assert len(read_rows(tmp_path)) == 3
+
+
+def test_the_rows_do_not_wait_for_their_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+
+    rows = make_rows(20)
+    alignment = {"pose": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], "scale": 1.0}
+    ate = {"ate_translation_rmse": 1.0, "ate_rotation_rmse": 1.0, "alignment": alignment}
+    with OutputFolder(tmp_path) as folder:
+        folder.add(rows)
+        with monkeypatch.context() as patch:
+            patch.setattr("trajeval_ros.files.output._overwrite", refuse)
+            with pytest.raises(OutputError, match="lacks the absolute errors of its poses"):
+                folder.write({"conventional": ate})
+        assert len(read_rows(tmp_path)) == 20
+        assert {row["ate_translation"] for row in read_rows(tmp_path)} == {""}
+        folder.write({"conventional": ate}, last=True)
+    expected = np.linalg.norm(rows.ground_truth[:, :3, 3] - rows.estimate[:, :3, 3], axis=1)
+    np.testing.assert_allclose(stack(read_rows(tmp_path), "ate_translation")[:, 0], expected)

@@ -192,10 +192,12 @@ def test_flat_figures() -> None:
         "absolute": {"alignment": alignment, "unobserved_axes": [[1.0]]},
         "window": {"poses": 2, "relative": {"chi2": 1e-300}, "absolute": {"ending": "converged"}},
         "conventional": {"re_unit": "s", "distributions": {"ate_translation": {"max": 1.0}}},
+        "coverage": {"time": 0.5, "longest_loss": {"duration": 2.5}},
     }
     flat = flatten(summary)
     assert tuple(flat) == STATUSES
     assert flat["conventional"] == {"re_unit": "s"}
+    assert flat["coverage"] == {"time": "0.5", "longest_loss_duration": "2.5"}
     assert flat["relative"] == {"chi2": "0.1", "dof": "6.0"}
     assert flat["absolute"]["alignment_qw"] == "1.0"
     assert "alignment_scale" not in flat["absolute"]

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan
+from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan, waiting
+from trajeval_ros.node.ending import right_command
 from trajeval_ros.node.inputs import KNOWN
 
 POSE, ODOMETRY = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"
@@ -102,3 +103,42 @@ def test_a_reliable_subscription_to_best_effort_is_named_with_the_remedy() -> No
 
 def test_best_effort_hears_all() -> None:
     assert planned(publisher(), reliability="best_effort") == Plan(BEST_EFFORT, ())
+
+
+def test_what_the_node_waits_for_is_said_with_what_there_is_instead() -> None:
+    nobody: dict[str, list[Endpoint]] = {"/estimate": [], "/ground_truth": []}
+    assert waiting({}, {}) is None
+    assert waiting(nobody, None) == "waiting for /estimate and /ground_truth"
+    assert "no other topic of a fitting type" in str(waiting(nobody, {}))
+    said = waiting(nobody, {"/odom": "Odometry", "/vrpn/pose": "PoseStamped"})
+    assert said is not None
+    assert said.endswith(
+        "of a fitting type there is /odom (Odometry), /vrpn/pose (PoseStamped):"
+        " remap with -r NAME:=TOPIC"
+    )
+    silent = {"/estimate": [Endpoint("/vio", "x/msg/Y", "reliable", "volatile")]}
+    said = waiting(silent, {"/odom": "Odometry"})
+    assert said == "waiting for /estimate (/vio publishes it, no message yet)"
+    many = {f"/topic_{n:02}": "Odometry" for n in range(20)}
+    assert "and 12 more" in str(waiting(nobody, many))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ["estimate:=/odom", "ground_truth:=/vrpn/pose"],
+            "evaluator --ros-args -r estimate:=/odom -r ground_truth:=/vrpn/pose",
+        ),
+        (
+            ["estimate:=/odom", "output.directory:=my results"],
+            "evaluator --ros-args -r estimate:=/odom -p 'output.directory:=my results'",
+        ),
+        (["bag"], "ROS arguments follow --ros-args"),
+        (["estimate:=/odom", "--fast"], "ROS arguments follow --ros-args"),
+    ],
+)
+def test_a_command_line_without_ros_args_gets_the_right_one_back(
+    arguments: list[str], said: str
+) -> None:
+    assert right_command(arguments).endswith(said)

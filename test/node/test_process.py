@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import signal
 import stat
@@ -17,7 +18,9 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
 from harness import Graph, Process, accounted, values_of
+from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as Path_
+from std_msgs.msg import Float64
 
 from trajeval_ros.online.parameters import PARAMETERS
 
@@ -72,6 +75,30 @@ def test_an_unknown_argument_is_refused(graph: Graph) -> None:
     node = graph.start("-m", "trajeval_ros.node.main", "bag")
     assert node.wait() == 2
     assert node.output.startswith("evaluator: error: unknown argument bag")
+
+
+def test_what_is_missing_is_said_until_it_comes_and_the_end_has_the_figures(graph: Graph) -> None:
+    other = graph.publisher("odom", Odometry)
+    node = graph.start_evaluator(**FIXED)
+    graph.until(lambda: "waiting for /estimate and /ground_truth" in node.output, "a word at once")
+    graph.until(lambda: "there is /odom (Odometry): remap with -r" in node.output, "another topic")
+    numbers = {
+        topic: graph.listen(Float64, f"/evaluator/{topic}")
+        for topic in ("ate/translation", "re/rotation", "accuracy/translation", "coverage/time")
+    }
+    counts = play(graph)
+    graph.until_accounted("estimate", counts[1])
+    graph.until_accounted("ground_truth", counts[0])
+    said = node.output.count("waiting for")
+    assert node.end() == 0
+    assert node.output.count("waiting for") == said
+    assert "coverage: 100 % of" in node.output
+    assert re.search(r"ATE, RMSE: [\d.e-]+ m, [\d.e-]+ deg", node.output)
+    for topic, heard in numbers.items():
+        graph.until(lambda heard=heard: heard, topic)
+    assert numbers["coverage/time"][-1].data == 1.0
+    assert 0.0 < numbers["ate/translation"][-1].data < 1.0
+    graph.node.destroy_publisher(other)
 
 
 def test_help(graph: Graph) -> None:
@@ -256,7 +283,7 @@ def test_a_full_disk_at_the_end_costs_what_does_not_fit(graph: Graph, tmp_path: 
     summary = summary_in(out)
     assert summary["estimate"]["received"] == counts[1]
     assert f"{counts[1]} estimates received, {summary['estimate']['evaluated']}" in node.output
-    assert "conventional: ATE" in node.output
+    assert "ATE, RMSE: " in node.output
     assert "report.html: File too large" in node.output
     assert "Traceback" not in node.output
 

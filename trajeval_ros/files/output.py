@@ -187,6 +187,8 @@ class OutputFolder:
         self._waiting = b""
         self._lost = 0
         self._why_lost = ""
+        # Why the rows have not got their absolute errors.
+        self._unfilled = ""
         self._size = 0
         self._handed_over = False
         self._stream: IO[bytes] = self._open()
@@ -354,6 +356,11 @@ class OutputFolder:
                 f"{self.path / 'poses.csv'} lacks {self._lacking:,} poses, which could not be"
                 f" written: {self._why_lost}"
             )
+        if self._unfilled and "poses.csv" not in failures:
+            failures["poses.csv"] = (
+                f"{self.path / 'poses.csv'} lacks the absolute errors of its poses, which could"
+                f" not be written: {self._unfilled}"
+            )
         if interrupt is not None:
             raise interrupt
         if failures:
@@ -376,9 +383,14 @@ class OutputFolder:
 
     def _write_rows(self, last: bool, errors: _Errors | None) -> None:
         self._append_waiting()
-        if errors is not None:
-            for position, rows in self._blocks():
-                _overwrite(self._stream.fileno(), errors.filled(rows), position)
+        self._unfilled = ""
+        try:
+            if errors is not None:
+                for position, rows in self._blocks():
+                    _overwrite(self._stream.fileno(), errors.filled(rows), position)
+        except OSError as error:
+            # Not worth the rows themselves.
+            self._unfilled = error.strerror or str(error)
         if last:
             self._hand_over()
         else:

@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
+
+_MOST_SHOWN = 8
 
 Reliability = Literal["reliable", "best_effort"]
 Durability = Literal["volatile", "transient_local"]
@@ -68,6 +70,32 @@ def plan(
     else:
         durability = "volatile" if current is None else current.durability
     return Plan(Offer(chosen, asked, durability), (*problems, *more))
+
+
+def waiting(
+    silent: Mapping[str, Sequence[Endpoint]], fitting: Mapping[str, str] | None
+) -> str | None:
+    """Return what the node waits for, and what there is instead; None where nothing is missing.
+
+    ``silent``: the topics on which nothing has come yet, with their publishers; ``fitting``: the
+    topics of a type that can be read that others publish, with that type's short name; None while
+    they are not known.
+    """
+    if not silent:
+        return None
+    named = []
+    for topic, publishers in silent.items():
+        nodes = ", ".join(sorted({publisher.node for publisher in publishers}))
+        named.append(f"{topic} ({nodes} publishes it, no message yet)" if nodes else topic)
+    text = f"waiting for {' and '.join(named)}"
+    if fitting is None or all(silent.values()):
+        return text
+    others = [f"{topic} ({kind})" for topic, kind in sorted(fitting.items()) if topic not in silent]
+    if not others:
+        return f"{text}; no other topic of a fitting type is published"
+    shown = ", ".join(others[:_MOST_SHOWN])
+    more = f" and {len(others) - _MOST_SHOWN} more" if len(others) > _MOST_SHOWN else ""
+    return f"{text}; of a fitting type there is {shown}{more}: remap with -r NAME:=TOPIC"
 
 
 def _choose_type(

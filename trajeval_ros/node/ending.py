@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 import sys
+from collections.abc import Sequence
 from types import FrameType
+
+from trajeval_ros.online.parameters import PARAMETERS
 
 DONE = 0
 NOT_WRITTEN = 1
@@ -29,6 +33,21 @@ class Stop:
 
     def _request(self, number: int, frame: FrameType | None) -> None:
         self.requested = True
+
+
+def right_command(arguments: Sequence[str]) -> str:
+    """Return what the command line with these ``arguments`` may have been meant to be.
+
+    Remappings and parameters are written as ``ros2 launch`` and ROS 1 take them.
+    """
+    words = []
+    for argument in arguments:
+        name, assigns, value = argument.partition(":=")
+        if not assigns or not name or not value:
+            return "ROS arguments follow --ros-args"
+        name = name.lstrip("_") if name.lstrip("_") in PARAMETERS else name
+        words.append(f"{'-p' if name in PARAMETERS else '-r'} {shlex.quote(name + ':=' + value)}")
+    return f"ROS arguments follow --ros-args: evaluator --ros-args {' '.join(words)}"
 
 
 def fail(message: str, code: int) -> int:

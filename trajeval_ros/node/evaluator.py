@@ -16,8 +16,9 @@ from std_srvs.srv import Trigger
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
+from trajeval_ros.node.discovery import waiting
 from trajeval_ros.node.figures import STATUSES, flatten, summary_lines
-from trajeval_ros.node.inputs import BATCH, QUEUE_DEPTH, Input
+from trajeval_ros.node.inputs import BATCH, KNOWN, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
 from trajeval_ros.node.schedule import Schedule
@@ -37,6 +38,10 @@ _QUIET = 0.5
 _DISCOVERY_PERIOD = 0.2
 _DIAGNOSTICS_PERIOD = 1.0
 _CAUSES_PERIOD = 5.0
+# What is missing is said at once, with what there is instead once the graph is known, and then
+# every so many periods (s).
+_WAITING_PERIOD = 2.0
+_WAITING_REPEATED = 5
 _PATH_PERIOD = 1.0
 _MARKER_PERIOD = 0.2
 # What a subscriber may take at shutdown, s.
@@ -86,6 +91,7 @@ class Evaluator(Node):
         self._metrics_due = False
         self._window: tuple[int, dict[str, str]] | None = None
         self._next_batch = self._next_window = 0.0
+        self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
         self._schedule = Schedule(
@@ -93,6 +99,7 @@ class Evaluator(Node):
                 (_BATCH_PERIOD, self._on_batch),
                 (_DISCOVERY_PERIOD, self._on_discovery),
                 (_CAUSES_PERIOD, self._on_causes),
+                (_WAITING_PERIOD, self._on_waiting),
                 (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
                 (_PATH_PERIOD, self._on_paths),
                 (_MARKER_PERIOD, self._on_markers),
@@ -159,6 +166,29 @@ class Evaluator(Node):
                 self._causes_said.add(cause.code)
                 self.get_logger().warning(cause.sentence)
         self._log_defects()
+
+    def _on_waiting(self) -> None:
+        """Say what is missing, until something has come on both topics."""
+        turn, self._waited = self._waited, self._waited + 1
+        inputs = (self._estimate, self._ground_truth)
+        silent = {each.state.topic: each.state.publishers for each in inputs if not each.heard}
+        if not silent or (turn > 1 and turn % _WAITING_REPEATED):
+            return
+        text = waiting(silent, self._fitting_topics() if turn else None)
+        if text is not None:
+            self.get_logger().info(text)
+
+    def _fitting_topics(self) -> dict[str, str]:
+        """Topics with poses that other nodes publish, and their types."""
+        ours = {self._ground_truth.state.topic, self._estimate.state.topic}
+        own = self.get_fully_qualified_name() + "/"
+        return {
+            topic: KNOWN[kind]
+            for topic, kinds in self.get_topic_names_and_types()
+            for kind in kinds
+            if kind in KNOWN and topic not in ours and not topic.startswith(own)
+            if self.count_publishers(topic)
+        }
 
     def _on_paths(self) -> None:
         shield("the paths", self._visualization.publish_paths, None, self._say_defect)

@@ -8,7 +8,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-STATUSES = ("relative", "absolute", "window", "conventional")
+from trajeval_ros.report import covered
+
+STATUSES = ("relative", "absolute", "window", "conventional", "coverage")
 
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -48,23 +50,28 @@ def _alignment(alignment: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def summary_lines(figures: Mapping[str, Any]) -> list[str]:
     """Return the figures of a whole run in a few lines for the log."""
-    estimate = figures["estimate"]
+    estimate, coverage = figures["estimate"], figures["coverage"]
     lines = [f"{estimate['received']:,} estimates received, {estimate['evaluated']:,} evaluated"]
+    lost = covered.losses(coverage)
+    lines.append(f"coverage: {covered.of_the_run(coverage)}{'; ' + lost if lost else ''}")
+    conventional = figures["conventional"]
+    for name, title in (("ate", "ATE"), ("re", "RE")):
+        step = f" over {conventional['re_delta']:g} {conventional['re_unit']}"
+        lines.append(
+            f"{title}, RMSE{step if name == 're' else ''}:"
+            f" {_short(conventional.get(f'{name}_translation_rmse'))} m,"
+            f" {_degrees(conventional.get(f'{name}_rotation_rmse'))} deg"
+        )
     for name in ("relative", "absolute"):
         lines.append(
-            f"{name} error: log-likelihood {_short(figures[name].get('log_likelihood'))} nats,"
-            f" chi2/dof {_short(figures[name].get('chi2_per_dof'))},"
-            f" RMSE {_short(figures[name].get('translation_rmse'))} m"
-            f" and {_short(figures[name].get('rotation_rmse'))} rad"
+            f"{name} log-likelihood: {_short(figures[name].get('log_likelihood'))} nats,"
+            f" chi2/dof {_short(figures[name].get('chi2_per_dof'))}"
         )
-    conventional = figures["conventional"]
-    lines.append(
-        f"conventional: ATE {_short(conventional.get('ate_translation_rmse'))} m"
-        f" and {_short(conventional.get('ate_rotation_rmse'))} rad,"
-        f" RE {_short(conventional.get('re_translation_rmse'))} m"
-        f" and {_short(conventional.get('re_rotation_rmse'))} rad"
-    )
     return lines
+
+
+def _degrees(radians: float | None) -> str:
+    return _short(None if radians is None else math.degrees(radians))
 
 
 def _short(value: float | None) -> str:

@@ -86,6 +86,8 @@ class Input:
         self._lost = 0
         self._frame_changes = 0
         self._frame: str | None = None
+        self.heard = False
+        """Whether anything has come yet."""
         self.child_frame = ""
         self.discover()
 
@@ -161,6 +163,7 @@ class Input:
         messages = self._drain(self._subscription, pose_type)
         if not messages:
             return None
+        self.heard = True
         decoded = decode(pose_type, messages)
         if len(decoded.samples):
             self._note_frames(decoded)

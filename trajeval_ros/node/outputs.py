@@ -51,6 +51,21 @@ class Outputs:
         self._relative = publisher(Float64, "~/relative/log_likelihood")
         self._absolute = publisher(Float64, "~/absolute/log_likelihood")
         self._metrics = publisher(DiagnosticArray, "~/metrics")
+        # Figures that are looked at most, as numbers that every plot takes: status and key.
+        self._numbers = {
+            ("conventional", "ate_translation_rmse"): publisher(Float64, "~/ate/translation"),
+            ("conventional", "ate_rotation_rmse"): publisher(Float64, "~/ate/rotation"),
+            ("conventional", "re_translation_rmse"): publisher(Float64, "~/re/translation"),
+            ("conventional", "re_rotation_rmse"): publisher(Float64, "~/re/rotation"),
+            ("window", "absolute_noise_equivalent_translation_std"): publisher(
+                Float64, "~/accuracy/translation"
+            ),
+            ("window", "absolute_noise_equivalent_rotation_std"): publisher(
+                Float64, "~/accuracy/rotation"
+            ),
+            ("coverage", "time"): publisher(Float64, "~/coverage/time"),
+            ("coverage", "distance"): publisher(Float64, "~/coverage/distance"),
+        }
         self._pose = publisher(PoseWithCovarianceStamped, "~/ground_truth/pose")
         self._errors = {
             (which, part): publisher(Vector3Stamped, f"~/{which}/{part}_error")
@@ -104,11 +119,20 @@ class Outputs:
 
     @property
     def metrics_wanted(self) -> bool:
-        """Whether somebody listens to ``~/metrics``."""
-        return bool(self._metrics.get_subscription_count())
+        """Whether somebody listens to ``~/metrics``, or to a figure of it as a number."""
+        return any(
+            publisher.get_subscription_count()
+            for publisher in (self._metrics, *self._numbers.values())
+        )
 
     def publish_metrics(self, stamp: int, statuses: Mapping[str, Mapping[str, str]]) -> None:
-        """Publish the running figures, under the stamp (ns) of the newest evaluated estimate."""
+        """Publish the running figures, under the stamp (ns) of the newest evaluated estimate.
+
+        What is known of them as numbers, too.
+        """
+        for (status, key), publisher in self._numbers.items():
+            if key in statuses[status]:
+                publisher.publish(Float64(data=float(statuses[status][key])))
         message = DiagnosticArray()
         message.header.stamp = time_message(stamp)
         message.status = [
@@ -124,7 +148,8 @@ class Outputs:
     def flush(self, seconds: float) -> None:
         """Give the subscribers this long to have everything, before the publishers go."""
         deadline = time.monotonic() + seconds
-        for publisher in (self._metrics, self._relative, self._absolute, self._pose):
+        numbers = self._numbers.values()
+        for publisher in (self._metrics, *numbers, self._relative, self._absolute, self._pose):
             remaining = max(0.0, deadline - time.monotonic())
             publisher.wait_for_all_acked(Duration(seconds=remaining))
 

@@ -12,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
-from trajeval_ros.node.ending import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail
+from trajeval_ros.node.ending import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail, right_command
 from trajeval_ros.node.evaluator import Evaluator
 from trajeval_ros.online.parameters import ParameterError
 from trajeval_ros.rcl_errors import first_line
@@ -33,7 +33,7 @@ def run(arguments: Sequence[str], stop: Stop) -> int:
 
 def _run(others: Sequence[str], stop: Stop) -> int:
     if others:
-        return fail(f"unknown argument {others[0]} (ROS arguments follow --ros-args)", WRONG_USAGE)
+        return fail(f"unknown argument {others[0]}; {right_command(others)}", WRONG_USAGE)
     try:
         node = Evaluator()
     except ParameterError as error:
