@@ -69,6 +69,12 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         " the files are those of the second evaluation",
     )
     parser.add_argument(
+        "--align-origin",
+        action="store_true",
+        help="lay the first pose of an estimate on the ground truth's, and align nothing else: all"
+        " hangs on that one pose",
+    )
+    parser.add_argument(
         "--require",
         metavar="CONDITION",
         type=Requirement.of,
@@ -139,6 +145,9 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
     parameters = settings.read(arguments.params, arguments.assignments, names)
     # Before this run's files take their place.
     earlier = baseline.read(arguments.baseline, names) if arguments.baseline else {}
+    if arguments.align_origin and parameters["gauge"] not in ("se3", "none"):
+        gauge = parameters["gauge"]
+        raise console.UsageError(f"--align-origin aligns by itself: it excludes gauge={gauge}")
     data = inputs.read(arguments)
     offsets = [float(parameters[f"{name}.time_offset"]) for name in data.names]  # type: ignore[arg-type]
     for estimate, offset in zip(data.estimates, offsets, strict=True):
@@ -148,7 +157,9 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
     from trajeval_ros.commands import scoring
 
     output = arguments.output or str(parameters["output.directory"])
-    return scoring.score(data, parameters, output, arguments.apply, earlier)
+    return scoring.score(
+        data, parameters, output, arguments.apply, earlier, align_origin=arguments.align_origin
+    )
 
 
 def _requirements_hold(requirements: Sequence[Requirement], outcome: Outcome) -> bool:

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from trajeval_ros import se3
 from trajeval_ros.commands import figures
 from trajeval_ros.commands.baseline import Baseline, Judgement, judge
 from trajeval_ros.commands.console import CommandError, Progress
@@ -26,7 +27,7 @@ from trajeval_ros.online.parameters import Value, of_estimate
 from trajeval_ros.online.settings import settings_of
 from trajeval_ros.report import Report, answers
 from trajeval_ros.runs import offline
-from trajeval_ros.runs.corrections import corrected
+from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.wall import shield
 
@@ -51,17 +52,24 @@ def score(
     output: str,
     apply: Sequence[str] = (),
     baselines: Mapping[str, Baseline] = MappingProxyType({}),
+    *,
+    align_origin: bool = False,
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
 
-    ``apply``: what the error model finds is set, and all is scored again. With several estimates,
-    each has a folder of its name in ``output``, and the summary of all lies beside them.
+    ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
+    first pose of each is laid on the ground truth's, and nothing else is aligned. With several
+    estimates, each has a folder of its name in ``output``, and the summary of all lies beside them.
     """
     failures: list[str] = []
     before: Mapping[str, Scored] = {}
     if apply:
         before = _found(data, parameters, _records(data, parameters))
         data, parameters = _corrected(data, parameters, before, apply)
+    if align_origin:
+        parameters = {**parameters, "gauge": "none"}
+        first = _found(data, parameters, _records(data, parameters))
+        data = _aligned_at_the_origin(data, parameters, first)
     with contextlib.ExitStack() as stack:
         runs = {
             name: _Run(name, data, parameters, _place(data, output, name), stack)
@@ -154,6 +162,22 @@ def _corrected(
         right, values = corrected(estimate, name, settings[name], values, model, what)
         estimates.append(right)
     return replace(data, estimates=tuple(estimates)), values
+
+
+def _aligned_at_the_origin(
+    data: Inputs, parameters: Mapping[str, Value], found: Mapping[str, Scored]
+) -> Inputs:
+    """Each estimate so moved that its first evaluated pose is the ground truth's."""
+    estimates = []
+    for name, estimate in zip(data.names, data.estimates, strict=True):
+        poses = found[name].evaluated
+        if len(poses) == 0:
+            _require_poses(found[name], estimate)
+            raise CommandError(f"--align-origin: every pose of {name} lies in a gap")
+        origin = poses.ground_truth[0] @ se3.inverse(poses.estimate[0])
+        estimates.append(moved(estimate, origin))
+    remark = "each estimate is laid on the ground truth at its first pose, and not aligned besides"
+    return replace(data, estimates=tuple(estimates), remarks=(*data.remarks, remark))
 
 
 def _place(data: Inputs, output: str, name: str) -> str:

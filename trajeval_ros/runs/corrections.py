@@ -1,6 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the error model has found that is not the estimator's fault, set."""
+"""What has been found that is not the estimator's fault, set; and an estimate's world moved."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.files.trajectory import Trajectory
@@ -44,3 +45,24 @@ def corrected(
     if "scale" in what:
         estimate = replace(estimate, positions=estimate.positions * model["scale"]["value"])
     return estimate, changed
+
+
+def moved(estimate: Trajectory, pose: npt.NDArray[np.float64]) -> Trajectory:
+    """Return an estimate whose world is moved by ``pose`` (4, 4): T becomes ``pose @ T``.
+
+    Rows that are no pose are none afterwards: a quaternion keeps its norm, zero or not a number.
+    """
+    x, y, z, w = se3.to_position_quaternion(pose)[1]
+    # The product of quaternions, as a matrix that acts on x y z w.
+    product = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+    rotation = pose[:3, :3]
+    covariances = estimate.covariances
+    if covariances is not None:
+        both = np.kron(np.eye(2), rotation)
+        covariances = both @ covariances @ both.T
+    return replace(
+        estimate,
+        positions=estimate.positions @ rotation.T + pose[:3, 3],
+        quaternions=estimate.quaternions @ product.T,
+        covariances=covariances,
+    )
