@@ -20,6 +20,8 @@ EXTRAS = {
     "comparison": ["arch>=6.2"],
     # Result.poses.to_pandas()
     "tables": ["pandas>=2"],
+    # Completion of the command line: docs/files.md
+    "completion": ["argcomplete>=3"],
     # The live view of demo
     "terminal": ["rich>=13"],
     "test": [

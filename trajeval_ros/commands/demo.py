@@ -1,5 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """``demo``: the node and a player as real processes over DDS, watched in the terminal."""
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from trajeval_ros.commands import console, inputs
+from trajeval_ros.commands import completion, console, inputs
 from trajeval_ros.commands.domain import own_domain
 from trajeval_ros.commands.processes import Child
 
@@ -62,6 +63,7 @@ def make_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     parser = make_parser()
+    completion.complete(parser)
     arguments = parser.parse_args(argv)
     if (arguments.ground_truth is None) != (arguments.estimate is None):
         parser.error("give both --ground-truth and --estimate, or neither")

@@ -1,5 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """``evaluate``: the node's engine on files, as fast as it goes."""
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from trajeval_ros.commands import console
+from trajeval_ros.commands import completion, console
 from trajeval_ros.commands.requirements import Requirement, judge
 
 if TYPE_CHECKING:
@@ -112,7 +113,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     from trajeval_ros.commands import inputs
 
     given = sys.argv[1:] if argv is None else argv
-    arguments = make_parser().parse_args(inputs.with_format(given))
+    parser = make_parser()
+    completion.complete(parser, inputs.with_format)
+    arguments = parser.parse_args(inputs.with_format(given))
     return console.run(lambda: evaluate(arguments), "evaluate")
 
 

@@ -1,5 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """``replay``: publish recorded trajectories as live topics."""
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from trajeval_ros.commands import console, inputs
+from trajeval_ros.commands import completion, console, inputs
 
 TYPES = ("PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped")
 
@@ -98,7 +99,9 @@ def split_ros_arguments(argv: Sequence[str]) -> tuple[list[str], list[str]]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     ours, ros = split_ros_arguments(sys.argv[1:] if argv is None else argv)
-    arguments = make_parser().parse_args(inputs.with_format(ours))
+    parser = make_parser()
+    completion.complete(parser, inputs.with_format)
+    arguments = parser.parse_args(inputs.with_format(ours))
     return console.run(lambda: replay(arguments, ros), "replay")
 
 

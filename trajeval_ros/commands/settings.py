@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from trajeval_ros.commands import completion
 from trajeval_ros.commands.console import UsageError
 from trajeval_ros.online.parameters import (
     ONE,
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="parameters from a YAML file, the node's own; --set goes over it",
     )
-    parser.add_argument(
+    assignment = parser.add_argument(
         "--set",
         metavar="NAME=VALUE",
         action="append",
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="set a parameter, e.g. gauge=yaw_translation or extrinsic=0.1,0,0,0,0,0,1;"
         " may be repeated; the names are listed below",
     )
+    assignment.completer = completion.assignments  # type: ignore[attr-defined]
     parser.epilog = parameter_list()
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
 

@@ -1,5 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """``simulate``: make up a run and write it as two TUM files."""
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from trajeval_ros.commands import console
+from trajeval_ros.commands import completion, console
 
 DESCRIPTION = """\
 Make up a run and write it as two TUM files, ground_truth.txt and estimate.txt: an aggressive
@@ -46,7 +47,9 @@ def make_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    arguments = make_parser().parse_args(argv)
+    parser = make_parser()
+    completion.complete(parser)
+    arguments = parser.parse_args(argv)
     return console.run(lambda: write(arguments), "simulate")
 
 
