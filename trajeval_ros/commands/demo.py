@@ -91,7 +91,9 @@ def demo(arguments: argparse.Namespace) -> int:
         raise console.CommandError(f"cannot write {output}: {error.strerror}") from error
     ground_truth, estimate = _files(arguments, output)
     data = inputs.read(
-        argparse.Namespace(format="tum", ground_truth=ground_truth, estimate=[estimate])
+        argparse.Namespace(
+            format="tum", ground_truth=ground_truth, estimate=[estimate], times=None, strict=False
+        )
     )
     inputs.check_overlap(data.ground_truth, data.estimate, 0.0)
     first = min(int(each.stamps.min()) for each in (data.ground_truth, data.estimate))
