@@ -182,7 +182,7 @@ def test_what_could_not_be_evaluated_comes_before_what_is_required(
 ) -> None:
     dead = tmp_path / "dead.txt"
     rows = [line.split() for line in Path(run[1]).read_text().splitlines() if line[0] != "#"]
-    dead.write_text("".join(f"{row[0]} 0 0 0 0 0 0 0\n" for row in rows))
+    dead.write_text("".join(f"{row[0]} nan 0 0 0 0 0 1\n" for row in rows))
     files = [run[0], str(dead), run[1]]
     assert command.main([*files, "--require", "estimate.conventional.poses > 1e9"]) == 1
     said = capsys.readouterr().err

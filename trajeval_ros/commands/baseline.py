@@ -108,7 +108,7 @@ def judge(name: str, baseline: Baseline, scored: Scored, settings: Settings) -> 
 
     ``settings`` are those of this run, by which the poses of both are compared.
     """
-    from trajeval_ros.comparison.regression import lost_seconds, paired, unpaired
+    from trajeval_ros.comparison.regression import FIGURES, lost_seconds, paired, unpaired
 
     failure = None
     worse: list[str] = []
@@ -126,7 +126,10 @@ def judge(name: str, baseline: Baseline, scored: Scored, settings: Settings) -> 
             evaluation.relative_delta,
             evaluation.relative_unit,
         )
-        changes = paired(comparison)
+        # What this run has no figure of, for want of orientations or of motion, is not compared.
+        known = scored.summary["conventional"]
+        figures = [name for name in FIGURES if known.get(f"{name}_rmse") is not None]
+        changes = paired(comparison, figures)
         common = comparison.coverage.common.poses
         how = f"paired on {common:,} poses"
         if common == 0:

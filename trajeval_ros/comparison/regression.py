@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from scipy.special import ndtr
@@ -31,6 +31,7 @@ WRONG = 0.05
 """How often the gate as a whole says "worse" where nothing has changed."""
 NEGLIGIBLE = 0.01
 """What is less worse than this share is not worse."""
+FIGURES = ("ate_translation", "ate_rotation", "re_translation", "re_rotation")
 _GAP = 1.0
 _PARTS = ("translation", "rotation")
 _PROCESS = ("jitter_std", "drift_std", "velocity_std", "wander_std")
@@ -60,12 +61,9 @@ class Change:
     worse: bool = False
 
 
-def paired(comparison: Comparison) -> tuple[Change, ...]:
-    """What a comparison of now (a) with before (b) says of each figure that both have."""
-    ratios = {
-        name: getattr(comparison, name)
-        for name in ("ate_translation", "ate_rotation", "re_translation", "re_rotation")
-    }
+def paired(comparison: Comparison, figures: Sequence[str] = FIGURES) -> tuple[Change, ...]:
+    """What a comparison of now (a) with before (b) says of each of the figures that both have."""
+    ratios = {name: getattr(comparison, name) for name in figures}
     return decided(_of_ratio(name, one) for name, one in ratios.items() if one is not None)
 
 
