@@ -179,6 +179,19 @@ def test_rostopic_echo(write, plain):
     same(read_tum(write(names + "\n" + text(rows, ","))), plain)
 
 
+def test_results_of_orb_slam3_on_euroc(write, plain):
+    rows = [[row[0].replace(".", "") + ".000000", *row[1:]] for row in ROWS]
+    read = read_tum(write(text(rows)))
+    same(read, plain)
+    assert read.remarks == ("stamps in nanoseconds",)
+
+
+def test_results_of_kimera(write, plain):
+    names = "#timestamp,x,y,z,qw,qx,qy,qz,vx,vy,vz,bgx,bgy,bgz,bax,bay,baz"
+    rows = euroc_rows(ROWS, more=["0.5"] * 9)
+    same(read_tum(write(names + "\n" + text(rows, ","))), plain)
+
+
 def test_stamps_in_two_columns(write, plain):
     names = "Time,header.stamp.secs,header.stamp.nsecs,position.x,position.y,position.z,"
     names += "orientation.x,orientation.y,orientation.z,orientation.w"

@@ -259,6 +259,49 @@ def test_cut_off(tmp_path, kind, keep):
         assert all(len(trajectory) <= COUNT for trajectory in trajectories)
 
 
+def write_poses(path, count, stamped=True):
+    """An mcap of so many poses, one every 10 ms."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds, kind = store.types, "geometry_msgs/msg/PoseStamped"
+    with Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/pose", kind, typestore=store)
+        for i in range(count):
+            stamp = (i // 100, i % 100 * 10_000_000) if stamped else (0, 0)
+            header = kinds["std_msgs/msg/Header"](
+                stamp=kinds["builtin_interfaces/msg/Time"](*stamp), frame_id="map"
+            )
+            pose = kinds["geometry_msgs/msg/Pose"](
+                kinds["geometry_msgs/msg/Point"](0.1 * i, 0.0, 0.0),
+                kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+            )
+            message = kinds[kind](header=header, pose=pose)
+            writer.write(connection, i * 10_000_000, store.serialize_cdr(message, kind))
+    return next(path.glob("*.mcap"))
+
+
+@pytest.mark.parametrize("metadata", [True, False])
+def test_of_an_mcap_that_is_cut_off_the_readable_part(tmp_path, metadata):
+    file = write_poses(tmp_path / "run", 1000)
+    if not metadata:
+        (tmp_path / "run" / "metadata.yaml").unlink()
+    content = file.read_bytes()
+    file.write_bytes(content[: int(len(content) * 0.5)])
+    for path in (tmp_path / "run", file):
+        (read,) = read_bag(path, ["/pose"])
+        assert 300 < len(read) < 700
+        assert read.stamps.tolist() == [i * 10_000_000 for i in range(len(read))]
+        assert "the bag is cut off" in read.remarks[-1]
+    said = read_bag(tmp_path / "run", ["/pose"])[0].remarks
+    assert any("there is no metadata.yaml" in remark for remark in said) is not metadata
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+def test_stamps_that_were_never_set(tmp_path):
+    write_poses(tmp_path / "run", 20, stamped=False)
+    with pytest.raises(TrajectoryFileError, match="was never set on the topic '/pose'"):
+        read_bag(tmp_path / "run", ["/pose"])
+
+
 def test_without_rosbags(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", types.ModuleType("rosbags.highlevel"))
     with pytest.raises(TrajectoryFileError, match="pip install rosbags"):
@@ -269,6 +312,15 @@ def test_without_rosbags(monkeypatch, tmp_path):
     not BAGS.is_dir(), reason="the real bags (shared/data beside the repository) are not here"
 )
 class TestRealBags:
+    def test_a_real_mcap_that_is_cut_off(self, tmp_path):
+        content = (BAGS / "nav2_turtlebot.mcap").read_bytes()
+        (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
+        (whole,) = read_bag(BAGS / "nav2_turtlebot.mcap", ["/odom"])
+        (read,) = read_bag(tmp_path / "cut.mcap", ["/odom"])
+        assert 0.2 * len(whole) < len(read) < 0.8 * len(whole)
+        assert read.stamps.tolist() == whole.stamps[: len(read)].tolist()
+        assert "the bag is cut off" in read.remarks[0]
+
     def test_ros1(self):
         ground_truth, estimate = read_bag(BAGS / "ROS_example.bag", ["groundtruth", "/ORB-SLAM"])
         assert (len(ground_truth), len(estimate)) == (12765, 8362)

@@ -195,6 +195,13 @@ def test_simulated_time_starts_at_zero():
     assert np.array_equal(taken(intake, good(regular(5, begin=0))), regular(5, begin=0))
 
 
+def test_relative_time_at_one_hertz_starts_at_zero():
+    intake = Intake(use_covariance=False)
+    stamps = np.arange(5) * 1_000_000_000
+    assert np.array_equal(taken(intake, good(stamps)), stamps)
+    assert intake.account.rejected == {}
+
+
 def test_the_largest_stamps():
     intake = Intake(use_covariance=False)
     top = 2**63 - 1

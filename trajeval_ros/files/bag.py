@@ -14,12 +14,14 @@ as published, without composing it from others.
 import contextlib
 import dataclasses
 import os
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from trajeval_ros.files.salvage import lone_bag, salvaged
 from trajeval_ros.files.text import PathLike
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 
@@ -35,6 +37,8 @@ _POSE_TYPES = (
 _WITH_COVARIANCE = ("geometry_msgs/msg/PoseWithCovarianceStamped", "nav_msgs/msg/Odometry")
 _TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _PROGRESS_EVERY = 500
+_CUT_OFF = "the bag is cut off, as by a recorder that was killed: its readable part"
+_DAMAGED = "the bag is damaged: what comes before that"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,11 +68,11 @@ def list_candidates(path: PathLike, progress: Progress | None = None) -> tuple[C
         TrajectoryFileError: the bag cannot be read, or rosbags is not installed.
     """
     source = os.fspath(path)
-    with _opened(source) as reader:
+    with _opened(source, []) as reader:
         types = _types(reader)
         wanted = {topic for topic, kinds in types.items() if _usable(kinds)}
         columns: dict[tuple[str, str], _Column] = {}
-        for topic, edge, pose in _poses(source, reader, wanted, progress):
+        for topic, edge, pose in _poses(source, reader, wanted, progress, []):
             columns.setdefault((topic, edge), _Column()).add(pose)
     return tuple(
         Candidate(
@@ -100,17 +104,24 @@ def read_bag(
             in it, holds no message, messages of another type or of two that hold poses.
     """
     source = os.fspath(path)
-    with _opened(source) as reader:
+    remarks: list[str] = []
+    with _opened(source, remarks) as reader:
         keys = [_find(source, reader, topic) for topic in topics]
         columns = {key: _Column() for key in keys}
-        for topic, edge, pose in _poses(source, reader, {topic for topic, _ in keys}, progress):
+        for topic, edge, pose in _poses(
+            source, reader, {topic for topic, _ in keys}, progress, remarks
+        ):
             if (topic, edge) in columns:
                 columns[topic, edge].add(pose)
     for name, key in zip(topics, keys, strict=True):
         if not columns[key].stamps:
             raise TrajectoryFileError(source, f"there is no pose on the topic {name!r}")
+        if len(columns[key].stamps) > 1 and not any(columns[key].stamps):
+            raise TrajectoryFileError(
+                source, f"header.stamp was never set on the topic {name!r}: it is 0 throughout"
+            )
     return tuple(
-        columns[key].trajectory(f"{source}, topic {name}")
+        columns[key].trajectory(f"{source}, topic {name}", tuple(remarks))
         for name, key in zip(topics, keys, strict=True)
     )
 
@@ -141,7 +152,7 @@ class _Column:
         if pose.covariance is not None:
             self._covariances.append(pose.covariance)
 
-    def trajectory(self, source: str) -> Trajectory:
+    def trajectory(self, source: str, remarks: tuple[str, ...]) -> Trajectory:
         numbers = np.array(self._numbers, dtype=np.float64)
         covariances = None
         if self._covariances:
@@ -153,12 +164,16 @@ class _Column:
             rows=np.array(self._rows, dtype=np.int64),
             source=source,
             covariances=covariances,
+            remarks=remarks,
         )
 
 
 @contextlib.contextmanager
-def _opened(source: str) -> Iterator[Any]:
-    """The bag, open for reading; whatever is wrong with it as a `TrajectoryFileError`."""
+def _opened(source: str, remarks: list[str]) -> Iterator[Any]:
+    """The bag, open for reading; whatever is wrong with it as a `TrajectoryFileError`.
+
+    Of a bag whose writer was killed the whole records are read, and ``remarks`` say so.
+    """
     try:
         # Here and not above: an optional library, which the other formats do without.
         from rosbags.highlevel import AnyReader
@@ -169,24 +184,65 @@ def _opened(source: str) -> Iterator[Any]:
         ) from None
     if not Path(source).exists():
         raise TrajectoryFileError(source, "it cannot be read: no such file or directory")
-    if Path(source).is_dir() and not (Path(source) / "metadata.yaml").exists():
-        raise TrajectoryFileError(source, "it is no bag: there is no metadata.yaml in the folder")
+    place = Path(source)
+    if place.is_dir() and not (place / "metadata.yaml").exists():
+        alone = lone_bag(place)
+        if alone is None:
+            raise TrajectoryFileError(
+                source, "it is no bag: there is no metadata.yaml in the folder"
+            )
+        place = alone
+        remarks.append(f"there is no metadata.yaml: its only bag is read, {place.name}")
     with contextlib.ExitStack() as stack:
+
+        def opened(path: Path) -> Any:
+            bag = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            return stack.enter_context(bag)
+
         try:
-            bag = AnyReader([Path(source)], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            reader = stack.enter_context(bag)
+            reader = opened(place)
         except Exception as error:  # see _unreadable
-            raise _unreadable(source, error) from error
+            part = _salvaged(source, place, stack, error)
+            if part is None:
+                raise _unreadable(source, error) from error
+            try:
+                reader = opened(part)
+            except Exception:  # noqa: BLE001 - see _unreadable
+                raise _unreadable(source, error) from error
+            remarks.append(_CUT_OFF)
         yield reader
 
 
-def _messages(source: str, reader: Any, connections: list[Any]) -> Iterator[tuple[Any, Any]]:
-    """Connection and message, in log order."""
+def _salvaged(source: str, place: Path, stack: contextlib.ExitStack, why: Exception) -> Path | None:
+    """The whole records of a bag that is cut off, in a folder that goes when the stack does."""
+    try:
+        bags = [place] if place.is_file() else sorted(place.glob("*.mcap"))
+        if len(bags) != 1:
+            return None
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trajeval_ros_")))
+        return salvaged(bags[0], folder)
+    except OSError as error:
+        raise TrajectoryFileError(
+            source, f"it is cut off, and its readable part cannot be kept: {error.strerror}"
+        ) from error
+    except Exception:  # noqa: BLE001 - what decompresses damaged data raises errors of its own
+        raise _unreadable(source, why) from why
+
+
+def _messages(
+    source: str, reader: Any, connections: list[Any], remarks: list[str]
+) -> Iterator[tuple[Any, Any]]:
+    """Connection and message, in log order, up to where the bag is damaged."""
+    some = False
     try:
         for connection, _, raw in reader.messages(connections):
-            yield connection, reader.deserialize(raw, connection.msgtype)
+            message = reader.deserialize(raw, connection.msgtype)
+            yield connection, message
+            some = True
     except Exception as error:  # see _unreadable
-        raise _unreadable(source, error) from error
+        if not some:
+            raise _unreadable(source, error) from error
+        remarks.append(_DAMAGED)
 
 
 def _unreadable(source: str, error: Exception) -> TrajectoryFileError:
@@ -204,7 +260,11 @@ def _unreadable(source: str, error: Exception) -> TrajectoryFileError:
 
 
 def _poses(
-    source: str, reader: Any, topics: set[str], progress: Progress | None
+    source: str,
+    reader: Any,
+    topics: set[str],
+    progress: Progress | None,
+    remarks: list[str],
 ) -> Iterator[tuple[str, str, _Pose]]:
     """Topic, ``parent.child`` of a transform in a TFMessage or "", and pose, in log order."""
     # A topic may have other types besides, which hold no poses.
@@ -214,7 +274,7 @@ def _poses(
         return
     total = sum(c.msgcount for c in connections)
     rows = dict.fromkeys(topics, 0)
-    messages = _messages(source, reader, connections)
+    messages = _messages(source, reader, connections, remarks)
     for done, (connection, message) in enumerate(messages, start=1):
         topic = connection.topic
         rows[topic] += 1

@@ -29,6 +29,8 @@ Places = npt.NDArray[np.int64]
 LEAP = 500_000_000
 # ... or, where no further pose comes at all, believed up to this far.
 _LONGEST_LEAP = 3_600_000_000_000
+# A first stamp of zero was set where the next comes within this (ns): time that begins at zero.
+_LONGEST_FIRST_STEP = 10_000_000_000
 _LARGEST_COORDINATE = 1e9
 _NORM_TOLERANCE = 1e-2
 _ZERO_NORM = 1e-6
@@ -184,7 +186,7 @@ class Intake:
                 before = int(samples.stamps[waiting])
                 if stamp < before:
                     self._reject(Reason.STAMP_JUMP, places[waiting])
-                elif before == 0 and stamp - before > LEAP:
+                elif before == 0 and stamp > _LONGEST_FIRST_STEP:
                     self._reject(Reason.ZERO_STAMP, places[waiting])
                 else:
                     keep.append(waiting)
