@@ -17,7 +17,7 @@ def running() -> State:
         "window": {"relative_log_likelihood": -6000.0},
         "conventional": {"ate_translation_rmse": 0.0213, "ate_rotation_rmse": 0.01},
     }
-    state.health = {"ground truth": Health(1, "dropout of 2.5 s")}
+    state.take_health("ground truth", Health(1, "dropout of 2.5 s"))
     for value in range(50):
         for status, key in TRENDS:
             state.remember(f"{status}/{key}", float(value))
@@ -55,7 +55,8 @@ def test_plain_view_prints_the_figures(capsys: pytest.CaptureFixture[str]) -> No
     view.show(state)
     view._next = 0.0
     view.show(state)
-    lines = capsys.readouterr().out.splitlines()
+    event, *lines = capsys.readouterr().out.splitlines()
+    assert event == "  20.0 s  WARN  ground truth: dropout of 2.5 s"
     assert lines[0] == "replaying 2x ..."
     for text in (" 25 %", "-123,457 nats", "12.5", "0.0213 m", "WARN: dropout of 2.5 s"):
         assert text in lines[1]
@@ -70,6 +71,37 @@ def test_screen_shows_figures_trends_and_health() -> None:
         assert expected in text
     assert "▁" in text
     assert "█" in text
+
+
+def test_an_event_is_logged_once_and_so_is_its_end() -> None:
+    state = State(first=100.0, last=180.0)
+    for stamp, level, message in (
+        (101.0, 0, "20.0 messages/s"),
+        (110.0, 1, "/ground_truth: no message for 5 s"),
+        (111.0, 1, "/ground_truth: no message for 6 s"),
+        (112.0, 0, "19.0 messages/s"),
+        (113.0, 0, "20.0 messages/s"),
+    ):
+        state.stamp = stamp
+        state.take_health("ground truth", Health(level, message))
+    assert [(event.seconds, event.level) for event in state.events] == [(10.0, 1), (12.0, 0)]
+    assert state.health["ground truth"].message == "20.0 messages/s"
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_no_figure_is_cut_off(width: int) -> None:
+    rich_console = pytest.importorskip("rich.console")
+    state = running()
+    state.metrics["relative"]["log_likelihood"] = -298_122_999.0
+    state.metrics["window"]["relative_log_likelihood"] = -1.23456e11
+    state.metrics["absolute"]["chi2_per_dof"] = 999_999.9
+    console = rich_console.Console(width=width, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(render(state))
+    text = console.export_text()
+    assert "…" not in text
+    for figure in ("-298.123 M", "-123.456 G", "0.573 deg", "ATE, rotation", "dropout of 2.5 s"):
+        assert figure in text
+    assert max(map(len, text.splitlines())) <= width
 
 
 def test_screen_before_anything_is_known() -> None:

@@ -147,6 +147,9 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: tuple[str, str])
         code = node.interrupt(_SHUTDOWN_PATIENCE)
     if code != 0:
         raise console.CommandError(f"the node ended with exit code {code}: {node.last_words()}")
+    if state.events:
+        print("Events, by the time of the run")
+        print("\n".join(event.line for event in state.events) + "\n")
     return _conclude(output, published, rate)
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import time
 from collections import deque
@@ -14,9 +15,12 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from trajeval_ros.commands.console import duration
-from trajeval_ros.commands.figures import degrees, metres, number
+from trajeval_ros.commands.figures import compact, degrees, metres
 
 Figures = Mapping[str, float]
+
+_MOST_EVENTS = 200
+_EVENTS_SHOWN = 4
 
 _BARS = "▁▂▃▄▅▆▇█"
 LEVELS = {0: "OK", 1: "WARN", 2: "ERROR", 3: "STALE"}
@@ -31,9 +35,26 @@ class Health:
     values: Mapping[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Event:
+    """Something that the health said, and when: seconds of the run."""
+
+    seconds: float
+    level: int
+    text: str
+
+    @property
+    def line(self) -> str:
+        """The event in one line."""
+        return f"{self.seconds:6.1f} s  {LEVELS.get(self.level, '?'):5} {self.text}"
+
+
 @dataclass
 class State:
-    """What is known of the run at this moment. Times are the data's, in seconds."""
+    """What is known of the run at this moment. Times are the data's, in seconds.
+
+    ``events``: what the health said and says no more, too; the latest.
+    """
 
     first: float
     last: float
@@ -43,6 +64,23 @@ class State:
     health: dict[str, Health] = field(default_factory=dict)
     trends: dict[str, deque[float]] = field(default_factory=dict)
     messages: int = 0
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    _said: dict[str, tuple[int, str]] = field(default_factory=dict)
+
+    def take_health(self, name: str, health: Health) -> None:
+        """Keep what one entry of ``/diagnostics`` says, and log it where it is news.
+
+        A count or a duration that goes on is none.
+        """
+        self.health[name] = health
+        said = (health.level, re.sub(r"[\d.,]+", "#", health.message) if health.level else "")
+        before = self._said.get(name, (0, ""))
+        self._said[name] = said
+        if said == before:
+            return
+        seconds = 0.0 if self.stamp is None else max(self.stamp - self.first, 0.0)
+        text = f"{name}: {health.message}" if health.level else f"{name}: well again"
+        self.events.append(Event(seconds, health.level, text))
 
     def progress(self) -> float:
         """Share of the run that has been evaluated, 0 to 1."""
@@ -100,10 +138,17 @@ class PlainView:
     def __init__(self) -> None:
         self._next = 0.0
         self._phase = ""
+        self._printed: Event | None = None
 
     def show(self, state: State) -> None:
-        """Print a line, if it is time to."""
+        """Print a line, if it is time to; an event at once."""
         now = time.monotonic()
+        events = list(state.events)
+        # By what it is: the log is bounded.
+        known = [number for number, event in enumerate(events) if event is self._printed]
+        for event in events[known[0] + 1 if known else 0 :]:
+            print(event.line, flush=True)
+            self._printed = event
         if state.phase != self._phase:
             self._phase = state.phase
             print(f"{state.phase} ...", flush=True)
@@ -114,10 +159,10 @@ class PlainView:
         truth = state.health.get("ground truth")
         words = [
             f"{100 * state.progress():3.0f} %",
-            f"RE {number(state.figure('relative', 'log_likelihood'))} nats",
-            f"chi2/dof {number(state.figure('relative', 'chi2_per_dof'))}",
-            f"AE {number(state.figure('absolute', 'log_likelihood'))} nats",
             f"ATE {metres(state.figure('conventional', 'ate_translation_rmse'))}",
+            f"relative {compact(state.figure('relative', 'log_likelihood'))} nats",
+            f"chi2/dof {compact(state.figure('relative', 'chi2_per_dof'))}",
+            f"absolute {compact(state.figure('absolute', 'log_likelihood'))} nats",
         ]
         if truth is not None:
             words.append(f"ground truth {LEVELS.get(truth.level, '?')}: {truth.message}")
@@ -169,40 +214,53 @@ _HEALTH = ("ground truth", "estimate", "synchronization", "consistency", "perfor
 
 _STYLES = {0: "green", 1: "yellow", 2: "bold red", 3: "magenta"}
 
-# Title, unit, where the running and the windowed figure are, what the trend follows.
-_ROWS: tuple[tuple[str, Any, tuple[str, str], tuple[str, str]], ...] = (
+_Where = tuple[str, str]
+# Title, unit, where the figures of the whole run and of the window are.
+_ROWS: tuple[tuple[str, Any, _Where | None, _Where | None], ...] = (
+    ("ATE, translation", metres, ("conventional", "ate_translation_rmse"), None),
+    ("ATE, rotation", degrees, ("conventional", "ate_rotation_rmse"), None),
+    ("RE, translation", metres, ("conventional", "re_translation_rmse"), None),
+    ("RE, rotation", degrees, ("conventional", "re_rotation_rmse"), None),
     (
-        "RE log-likelihood, nats",
-        number,
+        "noise-equivalent, m",
+        metres,
+        None,
+        ("window", "absolute_noise_equivalent_translation_std"),
+    ),
+    (
+        "noise-equivalent, deg",
+        degrees,
+        None,
+        ("window", "absolute_noise_equivalent_rotation_std"),
+    ),
+    (
+        "relative, nats",
+        compact,
         ("relative", "log_likelihood"),
         ("window", "relative_log_likelihood"),
     ),
-    ("RE chi2/dof", number, ("relative", "chi2_per_dof"), ("window", "relative_chi2_per_dof")),
     (
-        "RE translation",
-        metres,
-        ("relative", "translation_rmse"),
-        ("window", "relative_translation_rmse"),
+        "relative chi2/dof",
+        compact,
+        ("relative", "chi2_per_dof"),
+        ("window", "relative_chi2_per_dof"),
     ),
-    ("RE rotation", degrees, ("relative", "rotation_rmse"), ("window", "relative_rotation_rmse")),
     (
-        "AE log-likelihood, nats",
-        number,
+        "absolute, nats",
+        compact,
         ("absolute", "log_likelihood"),
         ("window", "absolute_log_likelihood"),
     ),
-    ("AE chi2/dof", number, ("absolute", "chi2_per_dof"), ("window", "absolute_chi2_per_dof")),
     (
-        "AE translation",
-        metres,
-        ("absolute", "translation_rmse"),
-        ("window", "absolute_translation_rmse"),
+        "absolute chi2/dof",
+        compact,
+        ("absolute", "chi2_per_dof"),
+        ("window", "absolute_chi2_per_dof"),
     ),
-    ("AE rotation", degrees, ("absolute", "rotation_rmse"), ("window", "absolute_rotation_rmse")),
 )
 
 TRENDS: tuple[tuple[str, str], ...] = tuple(
-    where for _, _, running, windowed in _ROWS for where in (running, windowed)
+    where for _, _, running, windowed in _ROWS for where in (running, windowed) if where is not None
 )
 """The figures whose trend is kept: status and key."""
 
@@ -223,29 +281,33 @@ def render(state: State) -> Any:
     length = state.last - state.first
     heading.add_row(
         Text(state.phase, style="bold"),
-        ProgressBar(total=1.0, completed=done),
+        # Of one colour, whatever happens: a run that is over is no failure.
+        ProgressBar(total=1.0, completed=done, complete_style="cyan", finished_style="green"),
         f"{duration(done * length)} of {duration(length)}",
     )
 
     table = Table(expand=True, box=None, padding=(0, 1), header_style="dim")
-    table.add_column("", no_wrap=True)
+    table.add_column("", no_wrap=True, min_width=21)
     table.add_column("whole run", justify="right", no_wrap=True, min_width=11)
     table.add_column("window", justify="right", no_wrap=True, min_width=11)
-    table.add_column("trend", no_wrap=True, min_width=24)
+    table.add_column("trend", no_wrap=True, ratio=1)
     for title, show, running, windowed in _ROWS:
-        trend = state.trends.get("/".join(windowed)) or state.trends.get("/".join(running)) or ()
+        trend = next(
+            (
+                state.trends[key]
+                for key in ("/".join(where) for where in (windowed, running) if where)
+                if state.trends.get(key)
+            ),
+            (),
+        )
         table.add_row(
             title,
-            show(state.figure(*running)),
-            show(state.figure(*windowed)),
-            Text(sparkline(list(trend), 32), style="cyan"),
+            show(state.figure(*running)) if running else "",
+            show(state.figure(*windowed)) if windowed else "",
+            Text(sparkline(list(trend), 24), style="cyan"),
         )
-    table.add_row(
-        "ATE, RMSE",
-        metres(state.figure("conventional", "ate_translation_rmse")),
-        degrees(state.figure("conventional", "ate_rotation_rmse")),
-        "",
-    )
+    share = state.figure("coverage", "time")
+    table.add_row("coverage, time", "-" if share is None else f"{100 * share:.1f} %", "", "")
 
     health = Table.grid(padding=(0, 1))
     health.add_column(no_wrap=True)
@@ -258,11 +320,23 @@ def render(state: State) -> Any:
         level = LEVELS.get(entry.level, "?")
         health.add_row(Text(level, style=_STYLES.get(entry.level, "")), name, entry.message)
     return Panel(
-        Group(heading, "", table, "", health),
+        Group(heading, "", table, "", health, *_log(state)),
         title="trajeval_ros: evaluator, live",
         title_align="left",
         border_style="blue",
     )
+
+
+def _log(state: State) -> list[Any]:
+    """The latest events, which may be over before one has read them elsewhere."""
+    from rich.text import Text
+
+    latest = list(state.events)[-_EVENTS_SHOWN:]
+    lines = [
+        Text(event.line, style=_STYLES.get(event.level, ""), no_wrap=True, overflow="ellipsis")
+        for event in latest
+    ]
+    return [Text(""), Text("events", style="dim"), *lines] if lines else []
 
 
 def make_view() -> View:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -18,6 +19,7 @@ from rclpy.utilities import try_shutdown
 from trajeval_ros.commands.live import TRENDS, Health, State
 
 _PREFIX = "evaluator: "
+_DEPARTED = ("its publisher is gone", "no publisher")
 
 
 class Monitor:
@@ -57,7 +59,8 @@ class Monitor:
     def _diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.startswith(_PREFIX):
-                self._state.health[status.name.removeprefix(_PREFIX)] = _health(status)
+                health = _without_departure(_health(status))
+                self._state.take_health(status.name.removeprefix(_PREFIX), health)
 
     def close(self) -> None:
         """Leave ROS."""
@@ -75,6 +78,17 @@ class Monitor:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _without_departure(health: Health) -> Health:
+    """Health without the player's departure, which whoever started it knows better."""
+    findings = health.message.split("; ")
+    others = [finding for finding in findings if not finding.endswith(_DEPARTED)]
+    if len(others) == len(findings):
+        return health
+    if others:
+        return replace(health, message="; ".join(others))
+    return replace(health, level=0, message="all has been sent")
 
 
 def _is_number(text: str) -> bool:

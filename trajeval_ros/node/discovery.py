@@ -85,8 +85,10 @@ def waiting(
         return None
     named = []
     for topic, publishers in silent.items():
-        nodes = ", ".join(sorted({publisher.node for publisher in publishers}))
-        named.append(f"{topic} ({nodes} publishes it, no message yet)" if nodes else topic)
+        # The middleware knows a publisher before it knows whose it is.
+        nodes = {p.node if "_UNKNOWN_" not in p.node else "a node" for p in publishers}
+        by = ", ".join(sorted(nodes))
+        named.append(f"{topic} ({by} publishes it, no message yet)" if nodes else topic)
     text = f"waiting for {' and '.join(named)}"
     if fitting is None or all(silent.values()):
         return text
