@@ -77,11 +77,15 @@ def test_live_figures_are_those_of_the_files(tmp_path: Path) -> None:
         for name in ("live", "file")
     }
     assert figures["file"].pop("likely_causes") == []
-    for part in (figures["file"], figures["file"]["window"]):
-        part.pop("error_model")
     # Files here, topics there.
     figures["file"].pop("inputs")
     figures["file"]["parameters"].pop("output.directory")
+    # evaluate fits the run as a whole, the node in blocks; the window is the same.
+    assert figures["file"].pop("error_model")["fit"] == "whole"
+    assert figures["live"].pop("error_model", {"fit": "blocks"})["fit"] == "blocks"
+    models = [figures[name]["window"].pop("error_model") for name in ("live", "file")]
+    offsets = [model["clock_offset"]["value"] for model in models]
+    assert offsets[0] == pytest.approx(offsets[1], abs=1e-9)
     # evaluate has all poses in memory at the end, the node does not.
     figures["file"]["absolute"].pop("log_likelihood_nonlinear")
     assert figures["file"].pop("drift")["all_pairs"]["pairs"] > 100

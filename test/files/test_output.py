@@ -57,6 +57,7 @@ def make_rows(count: int, seed: int = 0) -> Evaluations:
         log_likelihood=generator.normal(size=count),
         relative_log_likelihood=generator.normal(size=count),
         sampled=np.ones(count, dtype=bool),
+        twist=np.zeros((count, 6)),
     )
 
 

@@ -42,6 +42,8 @@ ROUND_OFF = ("consistency",)
 
 
 def assert_same_figures(actual: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
+    # The error model is fitted beside the engine; `test_session` compares it with a file's.
+    assert actual["window"].pop("error_model")["poses"] > 40
     found, wanted = dict(leaves(actual)), dict(leaves(expected))
     assert found.keys() == wanted.keys()
     for path, value in wanted.items():
@@ -144,7 +146,9 @@ def check_metrics(metrics: list[Any], newest: int, expected: dict[str, Any]) -> 
     last = metrics[-1]
     assert nanoseconds(last) == newest
     statuses = {status.name: values_of(status) for status in last.status}
-    assert list(statuses) == ["relative", "absolute", "window", "conventional"]
+    names = ["relative", "absolute", "window", "conventional"]
+    # Some seconds later, once there has been time for a fit.
+    assert list(statuses) in (names, [*names, "error_model"])
     for name, key, figure in (
         ("relative", "log_likelihood", expected["relative"]["log_likelihood"]),
         ("relative", "chi2_per_dof", expected["relative"]["chi2_per_dof"]),

@@ -277,7 +277,7 @@ def test_a_full_disk_at_the_end_costs_what_does_not_fit(graph: Graph, tmp_path: 
     counts = play(graph)
     graph.until_accounted("estimate", counts[1])
     graph.until_accounted("ground_truth", counts[0])
-    resource.prlimit(node.child.pid, resource.RLIMIT_FSIZE, (12_000, resource.RLIM_INFINITY))
+    resource.prlimit(node.child.pid, resource.RLIMIT_FSIZE, (16_000, resource.RLIM_INFINITY))
     assert node.end() == 1
     assert sorted(os.listdir(out)) == ["poses.csv", "summary.json"]
     summary = summary_in(out)

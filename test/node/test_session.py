@@ -15,10 +15,14 @@ import numpy as np
 import pytest
 
 from trajeval_ros.files.output import OutputError
+from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.node import evaluator
 from trajeval_ros.node.clock import StampClock
+from trajeval_ros.node.figures import error_model_entries
 from trajeval_ros.online.parameters import ParameterError, complete
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.report import Report
+from trajeval_ros.runs.offline import Scoring, score
 from trajeval_ros.runs.session import Session
 
 YEAR = 365 * 86_400 * data.SECOND
@@ -171,6 +175,50 @@ def test_likely_causes_are_saved(tmp_path: Path) -> None:
     run.reset()
     assert run.causes == ()
     run.close()
+
+
+def whole_file(samples: PoseSamples) -> Trajectory:
+    return Trajectory(
+        samples.stamps, samples.positions, samples.quaternions, np.arange(len(samples)), "file"
+    )
+
+
+def test_the_windows_error_model_is_the_files(tmp_path: Path) -> None:
+    truth, estimate = data.run(25.0)
+    run = session(output__directory=str(tmp_path / "live"), window__duration=10.0)
+    live(run, truth, estimate)
+    while run.fit_error_model():
+        pass
+    status = error_model_entries(run.error_models)
+    assert float(status["window_clock_offset_std"]) > 0.0
+    assert float(status["extrinsic_translation_value_x"]) == pytest.approx(0.0, abs=1.0)
+    run.finish()
+    run.save(last=True)
+    assert not run.fit_error_model()
+    found = json.loads((tmp_path / "live" / "summary.json").read_text())
+    scored = score(
+        run.engine.parameters,
+        whole_file(truth),
+        {"estimate": Scoring(whole_file(estimate), Report(run.engine.parameters, {}))},
+    )["estimate"].summary
+    assert found["error_model"]["fit"] == "blocks"
+    assert scored["error_model"]["fit"] == "whole"
+    for key in ("clock_offset", "scale"):
+        ours, files = (each["window"]["error_model"][key]["value"] for each in (found, scored))
+        assert ours == pytest.approx(files, rel=1e-9, abs=1e-9)
+        whole, blocks = scored["error_model"][key], found["error_model"][key]
+        assert abs(whole["value"] - blocks["value"]) < 3.0 * blocks["std"]
+
+
+def test_a_reset_forgets_the_error_model() -> None:
+    run = session()
+    live(run, *data.run(5.0))
+    while run.fit_error_model():
+        pass
+    assert "window" in run.error_models
+    run.reset()
+    assert run.error_models == {}
+    assert not run.fit_error_model()
 
 
 def test_a_defect_in_the_search_for_causes_costs_the_causes_alone(

@@ -255,6 +255,7 @@ def test_page_of_a_long_run_is_bounded() -> None:
                 -30 * ones,
                 -30 * np.cumsum(ones),
                 ones > 0,
+                np.zeros((count, 6)),
             ),
             (),
             -30.0 * count,

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.error_model.changes import ClockChange, Stretch, clock_changes
 from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import (
     JUMP,
@@ -23,6 +25,7 @@ from trajeval_ros.error_model.maximum import (
 from trajeval_ros.error_model.nuisances import (
     NAMES,
     OBSERVED_STD,
+    PRIOR_STD,
     Ask,
     Nuisances,
     Truth,
@@ -55,6 +58,10 @@ _LAGS = 5
 # Stretches of time, of so many poses at least, by which the scatter of the nuisances is judged.
 _BLOCK = 20
 _BLOCKS = 40
+# A change of the clock is looked for between parts of so many poses that last so long (s).
+_PART = 60
+_PART_DURATION = 5.0
+_FIXED = 1e16
 # Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
 _ROUGH = 0.3
 
@@ -102,7 +109,7 @@ class ErrorModel:
     log_likelihood: of the errors at the fitted parameters and nuisances, nats, up to the
     alignment, of ``poses`` poses; uncorrected: with no nuisance at all, at the same parameters.
     chi2_per_dof, whiteness: of the innovations; the autocorrelations (2, lags), from lag 1 on.
-    alternatives: nats a pose of each process.
+    alternatives: nats a pose of each process. clock_changes: other than at a steady rate.
     """
 
     kind: Kind
@@ -117,6 +124,7 @@ class ErrorModel:
     whiteness: Array
     jumps: tuple[Jump, ...]
     alternatives: dict[Kind, float]
+    clock_changes: tuple[ClockChange, ...] = ()
 
     @property
     def std(self) -> Array:
@@ -183,7 +191,15 @@ def _stretch(found: Maximum) -> Maximum:
     if count <= _STRETCH:
         return found
     begin = (count - _STRETCH) // 2
-    poses, moves = slice(begin, begin + _STRETCH), slice(begin, begin + _STRETCH - 1)
+    return _part(found, begin, begin + _STRETCH, found.data.precision)
+
+
+def _part(found: Maximum, begin: int, end: int, precision: Array) -> Maximum:
+    """At the same parameters, of the poses from ``begin`` to before ``end``.
+
+    precision: of the nuisances' prior.
+    """
+    poses, moves = slice(begin, end), slice(begin, end - 1)
     data = found.data
     part = Data(
         data.times[poses],
@@ -191,7 +207,7 @@ def _stretch(found: Maximum) -> Maximum:
         data.covariance[poses],
         data.travel[moves],
         data.nuisances[poses],
-        data.precision,
+        precision,
         data.measured[poses],
         data.moved[moves],
     )
@@ -209,7 +225,7 @@ def _first(kind: Kind, drift: Maximum) -> Array:
     known = drift.parameters
     interval = float(np.median(np.diff(drift.data.times)))
     starts = []
-    for time in (0.5, 5.0, 50.0) if kind is Kind.WANDER else (0.5,):
+    for time in (0.5, 5.0, 50.0) if kind is Kind.WANDER else (0.1, 0.5, 2.5):
         if time > max(span, 0.5):
             continue
         begin = rough(kind, drift.data, max(time, 2.0 * interval))
@@ -218,7 +234,7 @@ def _first(kind: Kind, drift: Maximum) -> Array:
             begin[:, 1] = known[:, 1] + 0.5 * np.log(0.5 * time)
         else:
             begin[:, 1] = known[:, 1] - np.log(4.0)
-            begin[:, 2] = known[:, 1] + 0.5 * np.log(0.5 / np.exp(begin[:, 3]))
+            begin[:, 2] = known[:, 1] - 0.5 * (np.log(2.0) + begin[:, 3])
         starts.append(begin)
     return max(starts, key=lambda s: Likelihood(kind, s, drift.data, drift.gauge).value)
 
@@ -312,9 +328,10 @@ def _described(
 ) -> ErrorModel:
     here = found.likelihood
     count = len(NAMES)
-    nuisances = nuisances.moved(here.theta[:count])
     inflation = np.maximum(here.clustered_ratio(_blocks(here.count))[:count], 1.0)
     covariance = here.theta_covariance[:count, :count] * inflation * inflation[:, None]
+    changes = clock_changes(_stretches(stamps, nuisances, found, np.sqrt(np.diag(covariance))))
+    nuisances = nuisances.moved(here.theta[:count])
     white = here.innovations()
     autocorrelation = np.array(
         [
@@ -332,7 +349,7 @@ def _described(
         _groups(found),
         nuisances,
         covariance,
-        _unobserved(covariance),
+        unobserved(covariance),
         here.count,
         here.at_theta,
         here.at_theta - 0.5 * float(theta @ seen @ theta),
@@ -340,7 +357,38 @@ def _described(
         autocorrelation,
         _jumps(stamps, here),
         alternatives,
+        changes,
     )
+
+
+def _stretches(stamps: Stamps, nuisances: Nuisances, found: Maximum, std: Array) -> list[Stretch]:
+    """What parts of a run say of the clock, all else being as the whole says.
+
+    nuisances: at which the errors of ``found`` are. std: (9,), the whole's.
+    """
+    seconds = (stamps - stamps[0]) * 1e-9
+    edges = [0]
+    for i in range(_PART, len(stamps)):
+        if i - edges[-1] >= _PART and seconds[i] - seconds[edges[-1]] >= _PART_DURATION:
+            edges.append(i)
+    precision = 1.0 / std**2
+    precision[0] = PRIOR_STD[0] ** -2
+    precision[1] = _FIXED
+    # As much larger than the model says as the whole's is.
+    whole = found.likelihood.theta_covariance[0, 0] ** 0.5
+    parts = []
+    for begin, end in itertools.pairwise(edges):
+        try:
+            here = _part(found, begin, end, precision).likelihood
+        except np.linalg.LinAlgError:
+            continue
+        middle = 0.5 * (seconds[begin] + seconds[end - 1] - seconds[-1])
+        offset = nuisances.clock_offset + nuisances.clock_rate * middle + here.theta[0]
+        spread = std[0] / whole * here.theta_covariance[0, 0] ** 0.5
+        parts.append(
+            Stretch(int(stamps[begin]), int(stamps[end - 1]), float(offset), float(spread))
+        )
+    return parts
 
 
 def _blocks(count: int) -> int:
@@ -383,7 +431,7 @@ def _long_run(values: Array, covariance: Array) -> Figure:
     return Figure(total, float(np.sqrt(max(variance, 0.0))))
 
 
-def _unobserved(covariance: Array) -> tuple[Unobserved, ...]:
+def unobserved(covariance: Array) -> tuple[Unobserved, ...]:
     """The principal directions, in units of `OBSERVED_STD`, longer than one."""
     scaled = covariance / OBSERVED_STD / OBSERVED_STD[:, None]
     values, vectors = np.linalg.eigh(scaled)

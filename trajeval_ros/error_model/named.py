@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 
 from trajeval_ros import se3
@@ -56,4 +58,5 @@ def named(model: ErrorModel) -> Figures:
             {"stamp": each.stamp, "translation": each.translation, "rotation": each.rotation}
             for each in model.jumps
         ],
+        "clock_changes": [asdict(each) for each in model.clock_changes],
     }

@@ -10,8 +10,6 @@ from typing import Any, overload
 
 from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.compare import Comparison
-from trajeval_ros.error_model.fit import fit
-from trajeval_ros.error_model.named import named
 from trajeval_ros.files.provenance import described
 from trajeval_ros.files.span import Instant, cut_all, span_of
 from trajeval_ros.library.result import Poses, Result, Results
@@ -23,6 +21,7 @@ from trajeval_ros.online.feed import feed_evenly
 from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.report import Report
+from trajeval_ros.runs.error_models import error_models, put_into
 from trajeval_ros.runs.offline import causes_of_rows, compared, count_left_out, why_none
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
@@ -189,16 +188,17 @@ def _result(
     if position_only:
         summary = without_orientation(summary)
         record.notices = notices_on_positions(record.notices)
-    if not joint and not position_only:
-        model = shield("the error model", lambda: _model(engine, name, poses), None, record.say)
-        if model is not None:
-            summary["error_model"] = model
+    if not position_only:
+        lack: dict[str, dict[str, Any]] = {}
+        parts = [results.evaluations for results in kept]
+        models = shield(
+            "the error model",
+            lambda: error_models(engine, name, parts, whole=not joint),
+            lack,
+            record.say,
+        )
+        put_into(summary, models)
+        record.model = models.get("run")
     causes = record.causes()
     summary["likely_causes"] = [dataclasses.asdict(cause) for cause in causes]
     return Result(name, summary, poses, causes, record)
-
-
-def _model(engine: Engine, name: str, poses: Poses) -> dict[str, Any] | None:
-    stamps = poses.stamps + engine.settings.estimates[name].time_offset
-    found = fit(stamps, poses.estimate, lambda asked: engine.truth(asked, name))
-    return None if found is None else named(found)

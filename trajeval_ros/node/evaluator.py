@@ -17,7 +17,7 @@ from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
 from trajeval_ros.node.discovery import waiting
-from trajeval_ros.node.figures import STATUSES, flatten, summary_lines
+from trajeval_ros.node.figures import STATUSES, error_model_entries, flatten, summary_lines
 from trajeval_ros.node.inputs import BATCH, KNOWN, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Outputs
@@ -42,6 +42,7 @@ _CAUSES_PERIOD = 5.0
 # every so many periods (s).
 _WAITING_PERIOD = 2.0
 _WAITING_REPEATED = 5
+_ERROR_MODEL_PERIOD = 3.0
 _PATH_PERIOD = 1.0
 _MARKER_PERIOD = 0.2
 # What a subscriber may take at shutdown, s.
@@ -90,7 +91,7 @@ class Evaluator(Node):
         self._defects_said: set[str] = set()
         self._metrics_due = False
         self._window: tuple[int, dict[str, str]] | None = None
-        self._next_batch = self._next_window = 0.0
+        self._next_batch = self._next_window = self._next_fit = 0.0
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -100,6 +101,7 @@ class Evaluator(Node):
                 (_DISCOVERY_PERIOD, self._on_discovery),
                 (_CAUSES_PERIOD, self._on_causes),
                 (_WAITING_PERIOD, self._on_waiting),
+                (_ERROR_MODEL_PERIOD, self._on_error_model),
                 (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
                 (_PATH_PERIOD, self._on_paths),
                 (_MARKER_PERIOD, self._on_markers),
@@ -158,6 +160,13 @@ class Evaluator(Node):
         self._monitor.publish(
             self._ground_truth.state, self._estimate.state, self._sim_time, self._ros_now()
         )
+
+    def _on_error_model(self) -> None:
+        """Fit a block or the window; a fit that takes long makes the next one wait."""
+        begin = time.monotonic()
+        if begin >= self._next_fit and self._session.fit_error_model():
+            self._next_fit = begin + (time.monotonic() - begin) / _SHARE
+            self._metrics_due = True
 
     def _on_causes(self) -> None:
         self._session.look_for_causes()
@@ -322,7 +331,11 @@ class Evaluator(Node):
             statuses = flatten(self._session.figures())
         computed, window = self._window
         statuses["window"] = {**window, "age": repr((stamp - computed) / 1e9)}
-        self._outputs.publish_metrics(stamp, {name: statuses[name] for name in STATUSES})
+        shown = {name: statuses[name] for name in STATUSES}
+        models = self._session.error_models
+        if models:
+            shown["error_model"] = error_model_entries(models)
+        self._outputs.publish_metrics(stamp, shown)
 
     def _log(self, notice: Notice) -> None:
         # rclpy keeps a severity a line of code: one line for each.

@@ -12,6 +12,8 @@ from trajeval_ros.report import covered
 
 STATUSES = ("relative", "absolute", "window", "conventional", "coverage")
 
+# Of the error model, what is for ``summary.json`` alone.
+_MATRICES = ("covariance", "pose")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -23,6 +25,36 @@ def flatten(summary: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     such as ``window: {relative: {chi2}}``, is ``relative_chi2``.
     """
     return {status: dict(_entries("", summary[status])) for status in STATUSES if status in summary}
+
+
+def error_model_entries(models: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """The status ``error_model``: of the run, and of the window with ``window_`` before each key.
+
+    Components of vectors are ``..._x``, ``_y``, ``_z``; of lists there is how many they hold.
+    """
+    found: dict[str, str] = {}
+    for part, prefix in (("run", ""), ("window", "window_")):
+        for key, value in _components(prefix, models.get(part, {})):
+            found[key] = value
+    return found
+
+
+def _components(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in figures.items():
+        if key in _MATRICES:
+            continue
+        if key == "whiteness":
+            for group, lags in value.items():
+                yield f"{prefix}{key}_{group}", repr(float(lags[0]))
+        elif isinstance(value, Mapping):
+            yield from _components(f"{prefix}{key}_", value)
+        elif isinstance(value, list) and key in ("value", "std"):
+            for axis, component in zip("xyz", value, strict=True):
+                yield f"{prefix}{key}_{axis}", repr(float(component))
+        elif isinstance(value, list):
+            yield f"{prefix}{key}", repr(float(len(value)))
+        else:
+            yield from _entries(prefix, {key: value})
 
 
 def _entries(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

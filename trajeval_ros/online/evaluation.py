@@ -99,6 +99,7 @@ class Evaluation:
             log_likelihood,
             before + np.cumsum(log_likelihood),
             sampled,
+            np.full((len(stamps), 6), np.nan) if poses.twist is None else poses.twist,
         )
 
     @property

@@ -33,7 +33,8 @@ class Evaluations:
     ``log_det`` and ``log_likelihood`` (M,) of that step given the past, 0 for the first pose;
     ``relative_log_likelihood`` (M,) summed up to each pose, nats;
     ``sampled`` (M,) where the ground truth was sampled as usual, not in a gap: what the
-    conventional figures, which know no uncertainty, are of.
+    conventional figures, which know no uncertainty, are of; ``twist`` (M, 6) of the ground truth
+    there, m/s and rad/s, body frame.
     """
 
     stamps: Stamps
@@ -47,6 +48,7 @@ class Evaluations:
     log_likelihood: Array
     relative_log_likelihood: Array
     sampled: Mask
+    twist: Array
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -65,6 +67,7 @@ NO_EVALUATIONS = Evaluations(
     np.empty(0),
     np.empty(0),
     np.empty(0, dtype=np.bool_),
+    np.empty((0, 6)),
 )
 
 

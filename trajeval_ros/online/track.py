@@ -168,15 +168,21 @@ class Track:
         if not len(chosen):
             return NO_EVALUATIONS, ()
         posterior = self._ground_truth.posterior(
-            chosen.stamps, self._until(chosen.stamps), self._joint
+            chosen.stamps, self._until(chosen.stamps), self._joint, twists=True
         )
         covariance = posterior.covariances
         if chosen.covariances is not None:
             # To first order the two errors add up: the two body frames differ by the error itself.
             covariance = covariance + chosen.covariances
         offset = self._settings.time_offset
+        assert posterior.twists is not None
         poses = EvaluatedPoses(
-            chosen.stamps, posterior.poses, covariance, chosen.poses, posterior.cross
+            chosen.stamps,
+            posterior.poses,
+            covariance,
+            chosen.poses,
+            posterior.cross,
+            posterior.twists.means,
         )
         return self._score(poses, offset, posterior.sampled)
 

@@ -23,7 +23,8 @@ class EvaluatedPoses:
     """Poses that have been evaluated.
 
     ``stamps`` (M,) ns on the ground truth's clock; ``ground_truth`` (M, 4, 4) with ``covariance``
-    (M, 6, 6), body frame, right perturbation; ``estimate`` (M, 4, 4) in its own world.
+    (M, 6, 6), body frame, right perturbation, and its body ``twist`` (M, 6); ``estimate`` (M, 4, 4)
+    in its own world.
     ``cross``, where the ground truth's errors are not taken as independent of each other: for each
     pose, (p, 6, 6), their covariances ``E[ξ_j ξ_iᵀ]`` with the p poses j just before it, oldest
     first.
@@ -34,6 +35,7 @@ class EvaluatedPoses:
     covariance: Array
     estimate: Array
     cross: tuple[Array, ...] | None = None
+    twist: Array | None = None
 
     @property
     def joint_covariance(self) -> Array | FactorRows:
@@ -51,6 +53,7 @@ class EvaluatedPoses:
             self.covariance[mask],
             self.estimate[mask],
             cross,
+            None if self.twist is None else self.twist[mask],
         )
 
     def __len__(self) -> int:

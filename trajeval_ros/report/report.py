@@ -15,6 +15,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.causes import likely_causes
+from trajeval_ros.diagnosis.fitted import fitted_causes, together
 from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.report.coverage import Coverage
@@ -31,7 +32,7 @@ class Report:
 
     ``parameters`` are the engine's, ``sources`` say where each trajectory comes from, e.g.
     ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices`` and ``way``, to be set,
-    are the engine's at the time of the report.
+    are the engine's at the time of the report; ``model`` is the error model, once there is one.
 
     No defect of it is raised: :attr:`defects` has a line for each kind.
     """
@@ -50,6 +51,7 @@ class Report:
         self.notices: tuple[Notice, ...] = ()
         self.way: Way | None = None
         self.of_rows: tuple[Cause, ...] = ()
+        self.model: Mapping[str, Any] | None = None
 
     def say(self, line: str) -> None:
         """Remember what has failed, in one line; each line once."""
@@ -84,15 +86,20 @@ class Report:
         known = np.trace(buckets["covariance"], axis1=1, axis2=2)
         good = known < 10.0 * np.median(known) if len(known) else np.empty(0, bool)
         chosen = buckets[good]
-        extrinsic = np.array(self.parameters["extrinsic"])
-        return likely_causes(
+        numbers = np.array(self.parameters["extrinsic"])
+        extrinsic = se3.from_position_quaternion(numbers[:3], numbers[3:])
+        gauge, offset = self.parameters["gauge"], float(self.parameters["estimate.time_offset"])
+        found = likely_causes(
             chosen["stamp"],
             chosen["ground_truth"],
             chosen["estimate"],
-            self.parameters["gauge"],
-            time_offset=float(self.parameters["estimate.time_offset"]),
-            extrinsic=se3.from_position_quaternion(extrinsic[:3], extrinsic[3:]),
+            gauge,
+            time_offset=offset,
+            extrinsic=extrinsic,
         )
+        if self.model is None:
+            return found
+        return together(found, fitted_causes(self.model, gauge, offset, extrinsic))
 
     def run(self, summary: Mapping[str, Any]) -> Run:
         """Return the run as it stands."""

@@ -17,9 +17,6 @@ import numpy.typing as npt
 from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.lost import lost
-from trajeval_ros.error_model.fit import fit
-from trajeval_ros.error_model.named import named
-from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.files.provenance import described
 from trajeval_ros.files.trajectory import Trajectory
@@ -31,6 +28,7 @@ from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealt
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.whole_run import Poses, whole_run
 from trajeval_ros.report import Report
+from trajeval_ros.runs.error_models import error_models, put_into
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
     is_position_only,
@@ -148,13 +146,16 @@ def _scored(
     if position_only:
         summary = without_orientation(summary)
         report.notices = notices_on_positions(report.notices)
-    if len(evaluated) and whole and not position_only:
+    if len(evaluated) and not position_only:
         lack: dict[str, Figures] = {}
         models = shield(
-            "the error model", lambda: _models(engine, evaluated, name), lack, report.say
+            "the error model",
+            lambda: error_models(engine, name, kept.parts, whole=whole),
+            lack,
+            report.say,
         )
-        for part, model in models.items():
-            (summary if part == "run" else summary[part])["error_model"] = model
+        put_into(summary, models)
+        report.model = models.get("run")
     summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
     none: tuple[str, ...] = ()
     places = shield(
@@ -184,19 +185,6 @@ def causes_of_rows(truth: Trajectory, estimate: Trajectory, offset: int) -> tupl
         none,
         lambda line: None,
     )
-
-
-def _models(engine: Engine, evaluated: Evaluated, name: str) -> dict[str, Figures]:
-    """The error models of the ``run`` and of its ``window``, where there are enough poses."""
-    stamps, estimate = evaluated.stamps, evaluated.estimate
-    last = stamps >= stamps[-1] - engine.settings.evaluation.window
-
-    def truth(asked: npt.NDArray[np.int64]) -> Truth:
-        return engine.truth(asked, name)
-
-    found = {"run": fit(stamps, estimate, truth)}
-    found["window"] = found["run"] if last.all() else fit(stamps[last], estimate[last], truth)
-    return {part: named(model) for part, model in found.items() if model is not None}
 
 
 def compared(
@@ -287,6 +275,11 @@ class WholeRun:
             np.concatenate([poses.ground_truth for poses in self._poses]),
             np.concatenate([poses.estimate for poses in self._poses]),
         )
+
+    @property
+    def parts(self) -> tuple[Evaluations, ...]:
+        """The poses as they came."""
+        return tuple(self._poses)
 
     @property
     def sampled(self) -> npt.NDArray[np.bool_]:

@@ -16,10 +16,12 @@ from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.output import FILES, OutputError, OutputFolder
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value
-from trajeval_ros.online.results import Health, Results, TopicHealth
+from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
+from trajeval_ros.runs.error_models import LiveErrorModels, put_into
 from trajeval_ros.runs.origin import origin
+from trajeval_ros.wall import shield
 
 UNDECODABLE = "undecodable"
 """Why a message is rejected that the engine never sees."""
@@ -45,6 +47,7 @@ class Session:
         self._is_ours = False
         self._causes: tuple[Cause, ...] = ()
         self._examined = 0
+        self._models = LiveErrorModels(self.engine.settings.evaluation.window)
         # Of ground truth and estimate.
         self._undecodable = [0, 0]
         if self._directory:
@@ -106,6 +109,20 @@ class Session:
         if evaluated != self._examined:
             self._causes, self._examined = self._report.causes(), evaluated
 
+    def fit_error_model(self) -> bool:
+        """Fit a block of the run or the window, if one has changed; it takes a part of a second."""
+        defects = self._report.say
+        fitted = shield("the error model", self._models.fit_one, False, defects)
+        models = self.error_models
+        self._report.model = models.get("run", models.get("window"))
+        return fitted
+
+    @property
+    def error_models(self) -> dict[str, dict[str, Any]]:
+        """The error models of the ``run`` and of the ``window``, as far as they are fitted."""
+        lack: dict[str, dict[str, Any]] = {}
+        return shield("the error model", lambda: self._models.figures, lack, self._report.say)
+
     def figures(self) -> dict[str, object]:
         """The engine's figures, with the messages in them that could not be read."""
         return self._accounted(self.engine.figures())
@@ -133,6 +150,7 @@ class Session:
     def _record(self, results: Results) -> Results:
         if len(results.evaluations):
             self._report.add(results)
+            self._add_to_models(results.evaluations)
         folder = self._folder
         if self._directory and folder is None and len(results.evaluations):
             folder = self._try_open()
@@ -144,6 +162,15 @@ class Session:
         except OutputError as error:
             self.error = str(error)
         return results
+
+    def _add_to_models(self, evaluations: Evaluations) -> None:
+        (settings,) = self.engine.settings.estimates.values()
+        shield(
+            "the error model",
+            lambda: self._models.add(evaluations, settings.time_offset),
+            None,
+            self._report.say,
+        )
 
     def save(self, *, last: bool = False) -> Path | None:
         """Write the output folder and return it; None where there is nothing to write.
@@ -168,6 +195,9 @@ class Session:
                 return None
             self._keep_earlier(folder.path)
         self._is_ours = True
+        while self.fit_error_model():
+            pass
+        self._examined = 0
         self.look_for_causes()
         causes = [asdict(cause) for cause in self._causes]
         self._report.notices = self.engine.notices()
@@ -177,6 +207,7 @@ class Session:
             **self.summary(),
             "likely_causes": causes,
         }
+        put_into(summary, self.error_models)
         try:
             folder.write(summary, self._report.render, last=last)
         except OutputError as error:
@@ -236,6 +267,7 @@ class Session:
         self._unwritten = 0
         self._undecodable = [0, 0]
         self._causes, self._examined = (), 0
+        self._models = LiveErrorModels(self.engine.settings.evaluation.window)
         self._report.clear()
         if self._folder is not None:
             try:
@@ -261,6 +293,7 @@ class Session:
         for name, value in checked.items():
             self.engine.set(name, value)
             self._report.parameters[name] = value
+        self._models.change(self.engine.settings.evaluation.window)
 
     def _move(self, directory: str) -> None:
         try:

@@ -1,0 +1,80 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Causes from the error model's fit: named when they matter, with the value to set."""
+
+import numpy as np
+import pytest
+from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
+
+from trajeval_ros import se3
+from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.fitted import fitted_causes, together
+from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.named import named
+from trajeval_ros.error_model.nuisances import Nuisances
+from trajeval_ros.error_model.process import Kind
+
+FINE = np.log([[5e-4, 3e-3], [5e-4, 1e-3]])
+ARM = se3.exp(np.array([0.03, 0.0, 0.02, 0.0, 0.0, 0.0]))
+NONE = np.eye(4)
+
+
+def causes(
+    nuisances, parameters=FINE, kind=Kind.DRIFT, gauge="se3", offset=0.0, frame=NONE, **more
+):
+    found = fit(*estimate(kind, parameters, nuisances, **more), ask)
+    return {c.code: c for c in fitted_causes(named(found), gauge, offset, frame)}
+
+
+def test_some_milliseconds_are_named_with_the_value_to_set():
+    found = causes(Nuisances(0.005, 0.0, NONE, 1.0))
+    assert set(found) == {"clock_offset"}
+    advised = float(found["clock_offset"].advice.removeprefix("set estimate.time_offset="))
+    assert advised == pytest.approx(0.005, abs=1e-3)
+    assert " ± " in found["clock_offset"].text
+    # An advice is what to set, whatever is set.
+    found = causes(Nuisances(0.005, 0.0, NONE, 1.0), offset=0.1)
+    advised = float(found["clock_offset"].advice.removeprefix("set estimate.time_offset="))
+    assert advised == pytest.approx(0.105, abs=1e-3)
+
+
+def test_centimetres_of_a_lever_arm_are_named_on_top_of_what_is_set():
+    frame = se3.exp(np.array([0.0, 0.1, 0.0, 0.0, 0.0, np.pi / 2]))
+    found = causes(Nuisances(0.0, 0.0, ARM, 1.0), frame=frame)
+    assert set(found) == {"body_frame"}
+    numbers = [
+        float(x) for x in found["body_frame"].advice.removeprefix("set extrinsic=").split(",")
+    ]
+    pose = se3.from_position_quaternion(np.array(numbers[:3]), np.array(numbers[3:]))
+    off = se3.log(pose @ se3.inverse(ARM @ frame))
+    assert np.abs(off[:3]).max() < 0.01
+    assert np.abs(off[3:]).max() < 0.01
+
+
+def test_a_scale_is_named_but_where_it_is_free():
+    nuisances = Nuisances(0.0, 0.0, NONE, 1.02)
+    factor = causes(nuisances)["scale"].advice.split()[5].rstrip(",")
+    assert float(factor) == pytest.approx(1.02, abs=3e-3)
+    assert causes(nuisances, gauge="sim3") == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters"),
+    [(Kind.DRIFT, DRIFT), (Kind.DRIFT, FINE), (Kind.VELOCITY, VELOCITY), (Kind.WANDER, WANDER)],
+)
+def test_no_false_alarm(kind, parameters):
+    for seed in range(4):
+        assert causes(Nuisances.none(), parameters, kind, seed=seed) == {}
+
+
+def test_few_poses_say_nothing():
+    assert causes(Nuisances(0.005, 0.0, NONE, 1.0), count=150) == {}
+
+
+def test_misread_poses_are_not_fitted_and_the_finer_of_two_is_kept():
+    clock = Cause("clock_offset", "finer", "")
+    assert together((Cause("quaternion_order", "", ""),), (clock,))[0].code == "quaternion_order"
+    assert len(together((Cause("quaternion_order", "", ""),), (clock,))) == 1
+    coarse = (Cause("clock_offset", "coarse", ""), Cause("scale", "", ""))
+    assert [c.text for c in together(coarse, (clock,)) if c.code == "clock_offset"] == ["finer"]
+    assert {c.code for c in together(coarse, (clock,))} == {"clock_offset", "scale"}

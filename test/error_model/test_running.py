@@ -1,0 +1,120 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fits of a window and of blocks: the same however poses come, in bounded memory; clock changes."""
+
+import numpy as np
+import pytest
+from error_model.test_fit import DRIFT, ask, estimate
+
+from trajeval_ros.error_model.changes import Stretch, clock_changes
+from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.nuisances import Nuisances
+from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.recorded import Recorded
+from trajeval_ros.error_model.running import Poses, RunningErrorModel, fit_poses
+
+SECOND = 1_000_000_000
+OFFSET = Nuisances(0.02, 0.0, np.eye(4), 1.0)
+
+
+def poses(stamps, found):
+    truth = ask(stamps)
+    return Poses(Recorded(stamps, truth.poses, truth.covariances, truth.twists), found)
+
+
+def running(whole, pieces, window=10 * SECOND):
+    model = RunningErrorModel(window)
+    begin = 0
+    for end in [*pieces, len(whole)]:
+        model.add(whole[begin:end])
+        begin = end
+        while model.blocks_wait:
+            model.fit_block()
+    return model
+
+
+def test_between_records_the_answer_is_that_of_the_motion():
+    stamps = np.arange(0, 10 * SECOND, SECOND // 20)
+    record = poses(stamps, np.tile(np.eye(4), (200, 1, 1))).truth
+    asked = stamps[:-1] + 17_000_000
+    found, expected = record.at(asked), ask(asked)
+    assert found.valid.all()
+    np.testing.assert_allclose(found.poses, expected.poses, atol=2e-5)
+    exact = record.at(stamps)
+    assert exact.valid.all()
+    np.testing.assert_allclose(exact.poses, record.poses, atol=1e-12)
+    assert not record.at(stamps[[0]] - 1).valid.any()
+    assert not record.at(stamps[[-1]] + 1).valid.any()
+
+
+def test_a_fit_by_records_is_that_with_the_ground_truth_asked_anew():
+    stamps, found = estimate(Kind.DRIFT, DRIFT, OFFSET)
+    by_record, anew = fit_poses(poses(stamps, found)), fit(stamps, found, ask)
+    off = by_record.nuisances.vector - anew.nuisances.vector
+    assert (np.abs(off) < 0.3 * anew.std).all()
+
+
+def test_how_poses_are_cut_into_batches_changes_nothing():
+    whole = poses(*estimate(Kind.DRIFT, DRIFT, OFFSET, count=900))
+    one, other = running(whole, []), running(whole, [1, 7, 399, 400, 402, 750])
+    for first, second in ((one.window(), other.window()), (one.run(), other.run())):
+        np.testing.assert_allclose(
+            first.nuisances.vector, second.nuisances.vector, rtol=1e-9, atol=1e-12
+        )
+        assert first.log_likelihood == pytest.approx(second.log_likelihood, rel=1e-9)
+    # Of the 201 poses of ten seconds, the last lies beyond what is recorded, by the offset.
+    assert one.window().poses == 200
+
+
+def test_blocks_together_say_what_the_whole_says():
+    stamps, found = estimate(Kind.DRIFT, DRIFT, OFFSET, count=1700)
+    run = running(poses(stamps, found), [800]).run()
+    assert run.poses == 1600
+    whole = fit(stamps, found, ask)
+    assert abs(run.nuisances.clock_offset - 0.02) < 4.0 * run.std[0]
+    assert 0.8 * whole.std[0] < run.std[0] < 3.0 * whole.std[0]
+    drift = run.groups["translation"]["drift_std"]
+    assert abs(drift.value - 1e-2) < 4.0 * drift.std
+
+
+def test_blocks_that_wait_too_long_are_lost_and_counted():
+    whole = poses(*estimate(Kind.DRIFT, DRIFT, count=2500))
+    model = RunningErrorModel(10 * SECOND)
+    model.add(whole)
+    assert model.lost == 3
+    assert model.run() is None
+
+
+def test_a_clock_that_jumps_is_said_with_its_time():
+    stamps, found = estimate(Kind.DRIFT, DRIFT, OFFSET, count=1600)
+    late = stamps.copy()
+    late[800:] -= 12_000_000
+    (change,) = fit(late, found, ask).clock_changes
+    assert abs(0.5 * (change.begin + change.end) - late[800]) < 6 * SECOND
+    assert abs(change.after - change.before - 0.012) < 4.0 * change.std
+    assert fit(stamps, found, ask).clock_changes == ()
+
+
+def stretches(offsets, std=1e-3):
+    return [Stretch(i * SECOND, (i + 1) * SECOND - 1, o, std) for i, o in enumerate(offsets)]
+
+
+def test_no_stretches_have_no_changes():
+    assert clock_changes([]) == ()
+
+
+def test_a_steady_rate_and_noise_are_no_changes():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        noise = rng.normal(size=30) * 1e-3
+        assert clock_changes(stretches(noise)) == ()
+        assert clock_changes(stretches(noise + 1e-3 * np.arange(30))) == ()
+
+
+def test_two_changes_are_found_where_they_are():
+    rng = np.random.default_rng(1)
+    level = np.repeat([0.0, 0.05, -0.01], [10, 7, 9])
+    first, second = clock_changes(stretches(level + rng.normal(size=26) * 1e-3))
+    assert (first.begin, second.begin) == (10 * SECOND - 1, 17 * SECOND - 1)
+    assert (first.before, first.after) == pytest.approx((0.0, 0.05), abs=2e-3)
+    assert (second.before, second.after) == pytest.approx((0.05, -0.01), abs=2e-3)

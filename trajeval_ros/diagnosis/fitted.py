@@ -1,0 +1,145 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clock, mounting and scale, from the error model's fit: as small as the data show them.
+
+What is not the estimator's fault is named where the fit gains more by it than chance gives, and it
+is large enough that somebody would set it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from trajeval_ros import se3
+from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.rotations import Array
+
+GAIN = 10.0
+"""Nats that a nuisance gains beyond doubt: 4.5 standard deviations, a chance of 7e-6, of nine."""
+
+# Of three components together, what has the same chance.
+_GAIN_OF_THREE = 13.2
+# s, m, rad, 1: below, nobody sets anything.
+_SHORTEST, _NEAREST, _LEAST_TURN, _LEAST_SCALE = 5e-4, 5e-3, np.radians(0.1), 2e-3
+# Of fewer poses, the scatter of a fit is not known well.
+_ENOUGH = 200
+_FITTED = ("clock_offset", "body_frame", "scale")
+
+
+def fitted_causes(
+    model: Mapping[str, Any], gauge: str, time_offset: float, extrinsic: Array
+) -> tuple[Cause, ...]:
+    """Return what the error model (as in ``summary.json``) says is not the estimator's fault.
+
+    time_offset (s) and extrinsic (4, 4) have been applied already; an advice is the value to set.
+    """
+    if model["poses"] < _ENOUGH:
+        return ()
+    return (
+        *_clock(model, time_offset),
+        *_changes(model),
+        *_body_frame(model, extrinsic),
+        *(_scale(model) if gauge not in ("none", "sim3") else ()),
+    )
+
+
+def together(coarse: tuple[Cause, ...], fitted: tuple[Cause, ...]) -> tuple[Cause, ...]:
+    """What is found by gross signs, but for what the fit says better.
+
+    Where poses are misread, a fit of them says nothing.
+    """
+    if any(cause.code not in _FITTED for cause in coarse):
+        return coarse
+    codes = {cause.code for cause in fitted}
+    return (*(cause for cause in coarse if cause.code not in codes), *fitted)
+
+
+def gain(value: Array, covariance: Array) -> float:
+    """Nats that values (n,) gain over none, to second order."""
+    return 0.5 * float(value @ np.linalg.solve(covariance, value))
+
+
+def _clock(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
+    value, std = model["clock_offset"]["value"], model["clock_offset"]["std"]
+    gained = 0.5 * (value / std) ** 2
+    if gained < GAIN or abs(value) < _SHORTEST:
+        return ()
+    whole = applied + value
+    digits = min(max(1 - math.floor(math.log10(1e3 * std)), 0), 4)
+    known = f" (estimate.time_offset is {applied:g})" if applied else ""
+    return (
+        Cause(
+            "clock_offset",
+            f"the estimate's clock is off by {-1e3 * whole:.{digits}f} ± {1e3 * std:.{digits}f} ms"
+            f"{known}: {gained:,.0f} nats better with {1e3 * whole:+.{digits}f} ms added to its"
+            " stamps",
+            f"set estimate.time_offset={whole:.{digits + 3}f}",
+        ),
+    )
+
+
+def _changes(model: Mapping[str, Any]) -> tuple[Cause, ...]:
+    found = []
+    for change in model.get("clock_changes", ())[:1]:
+        size, when = change["before"] - change["after"], 0.5e-9 * (change["begin"] + change["end"])
+        found.append(
+            Cause(
+                "clock_change",
+                f"the estimate's clock changes by {1e3 * size:.1f} ± {1e3 * change['std']:.1f} ms"
+                f" at {when:.1f} s",
+                "look what its driver did then; evaluate the parts before and after by themselves",
+            )
+        )
+    return tuple(found)
+
+
+def _body_frame(model: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
+    covariance = np.array(model["covariance"])
+    arm, turn = (np.array(model["extrinsic"][k]["value"]) for k in ("translation", "rotation"))
+    found = []
+    for name, value, rows, least, factor, unit in (
+        ("lever arm", arm, slice(2, 5), _NEAREST, 1e3, "mm"),
+        ("turn", turn, slice(5, 8), _LEAST_TURN, math.degrees(1.0), "degrees"),
+    ):
+        gained, size = gain(value, covariance[rows, rows]), float(np.linalg.norm(value))
+        if gained >= _GAIN_OF_THREE and size >= least:
+            along = value / size
+            std = factor * math.sqrt(along @ covariance[rows, rows] @ along)
+            digits = min(max(1 - math.floor(math.log10(std)), 0), 4)
+            shown = f"{factor * size:.{digits}f} ± {std:.{digits}f} {unit}"
+            found.append(f"a {name} of {shown} ({gained:,.0f} nats)")
+    if not found:
+        return ()
+    pose = np.array(model["extrinsic"]["pose"])
+    whole = se3.compose(se3.from_position_quaternion(pose[:3], pose[3:]), applied)
+    numbers = np.concatenate(se3.to_position_quaternion(whole))
+    shown = ",".join(f"{number:.5g}" for number in numbers)
+    return (
+        Cause(
+            "body_frame",
+            f"the estimate's body frame is not the ground truth's: {' and '.join(found)}",
+            f"set extrinsic={shown}",
+        ),
+    )
+
+
+def _scale(model: Mapping[str, Any]) -> tuple[Cause, ...]:
+    value, std = model["scale"]["value"], model["scale"]["std"]
+    logarithm = math.log(value)
+    gained = 0.5 * (logarithm * value / std) ** 2
+    if gained < GAIN or abs(logarithm) < _LEAST_SCALE:
+        return ()
+    digits = min(max(1 - math.floor(math.log10(std)), 0), 5)
+    shown = f"{value:.{digits}f}"
+    return (
+        Cause(
+            "scale",
+            f"the estimate's positions need a factor of {shown} ± {std:.{digits}f}:"
+            f" {gained:,.0f} nats",
+            f"multiply the estimate's positions by {shown}, or set gauge=sim3",
+        ),
+    )

@@ -1,0 +1,99 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A clock offset that is not the same all the time: by what stretches of a run say of it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+# What a change has to gain of chi-square, besides what the best of n places gains by chance; what
+# it has to gain over a steady rate; and how long it is at the least, s.
+_GAIN = 25.0
+_OVER_RATE = 10.0
+_SHORTEST = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """What a part of a run says of the clock.
+
+    begin, end: stamps of its first and last pose, ns. offset, std: s, of what is to be added to the
+    estimate's stamps.
+    """
+
+    begin: int
+    end: int
+    offset: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class ClockChange:
+    """The offset went from ``before`` to ``after`` (s, ``std`` of the difference).
+
+    About the stamps ``begin`` and ``end`` (ns), between two stretches.
+    """
+
+    begin: int
+    end: int
+    before: float
+    after: float
+    std: float
+
+
+def clock_changes(stretches: Sequence[Stretch]) -> tuple[ClockChange, ...]:
+    """Where the offset changes other than at a steady rate; stretches in the order of time.
+
+    The place that explains most, and so on within the two parts that it leaves.
+    """
+    known = [s for s in stretches if np.isfinite(s.std) and s.std > 0.0]
+    offset, weight = np.array([s.offset for s in known]), np.array([s.std**-2 for s in known])
+    when = np.array([0.5 * (s.begin + s.end) for s in known])
+    places = _places(offset, weight, (when - when[0]) * 1e-9 if len(known) else when)
+    if not places:
+        return ()
+    edges = [0, *places, len(known)]
+    levels = []
+    for begin, end in itertools.pairwise(edges):
+        mass = float(weight[begin:end].sum())
+        levels.append((float(weight[begin:end] @ offset[begin:end]) / mass, 1.0 / mass))
+    return tuple(
+        ClockChange(
+            known[k - 1].end,
+            known[k].begin,
+            before,
+            after,
+            float(np.sqrt(before_variance + after_variance)),
+        )
+        for k, (before, before_variance), (after, after_variance) in zip(
+            places, levels[:-1], levels[1:], strict=True
+        )
+    )
+
+
+def _places(offset: Array, weight: Array, when: Array) -> list[int]:
+    """The numbers of the stretches before which the offset (n,) changes; when: s, increasing."""
+    if len(offset) < 3:
+        return []
+    # Up to each: sums of weights and of weighted offsets, which give the gain of every place.
+    mass, moment = np.cumsum(weight)[:-1], np.cumsum(weight * offset)[:-1]
+    total, mean = weight.sum(), weight @ offset / weight.sum()
+    rest = total - mass
+    step = (total * mean - moment) / rest - moment / mass
+    gain = step**2 * mass * rest / total
+    k = int(np.argmax(gain))
+    slow = when - weight @ when / total
+    steady = (weight @ (slow * offset)) ** 2 / max(float(weight @ slow**2), 1e-300)
+    needed = max(_GAIN + 2.0 * np.log(len(offset)), steady + _OVER_RATE)
+    if gain[k] < needed or abs(step[k]) < _SHORTEST:
+        return []
+    left = _places(offset[: k + 1], weight[: k + 1], when[: k + 1])
+    right = _places(offset[k + 1 :], weight[k + 1 :], when[k + 1 :])
+    return [*left, k + 1, *(k + 1 + place for place in right)]

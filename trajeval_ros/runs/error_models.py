@@ -1,0 +1,145 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The error models of a run and of its window, as the summary has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.error_model.fit import ErrorModel, fit
+from trajeval_ros.error_model.named import named
+from trajeval_ros.error_model.nuisances import Truth
+from trajeval_ros.error_model.recorded import Recorded
+from trajeval_ros.error_model.running import Poses, RunningErrorModel
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.results import Evaluations
+
+Figures = dict[str, Any]
+
+WHOLE, BLOCKS = "whole", "blocks"
+"""Of what the model of a run is: of all poses, with the ground truth asked anew; or of blocks."""
+
+
+class LiveErrorModels:
+    """Takes evaluations; one fit at a time, when there is time for it."""
+
+    def __init__(self, window: int) -> None:
+        """Start empty. window: ns."""
+        self._running = RunningErrorModel(window)
+        self._current = True
+        self._figures: dict[str, Figures] = {}
+
+    def change(self, window: int) -> None:
+        """Go on with another window, ns."""
+        if window != self._running.duration:
+            self._running.duration, self._current = window, False
+
+    def add(self, evaluations: Evaluations, offset: int) -> None:
+        """Take poses, whose stamps on the ground truth's clock are ``offset`` (ns) later."""
+        if len(evaluations):
+            self._running.add(_poses(evaluations, offset))
+            self._current = False
+
+    def fit_one(self) -> bool:
+        """Fit a block of the run that waits, or else the window; whether there was one to fit."""
+        return self.fit_block() or self.fit_window()
+
+    def fit_block(self) -> bool:
+        """Fit a block of the run that waits; whether there was one."""
+        waits = self._running.blocks_wait
+        if waits:
+            self._running.fit_block()
+            self._describe()
+        return waits
+
+    def fit_window(self) -> bool:
+        """Fit the window; whether it has changed since it was fitted last."""
+        stale = not self._current
+        self._current = True
+        if stale:
+            self._running.window()
+            self._describe()
+        return stale
+
+    def fit_all(self) -> None:
+        """Fit what there is to fit."""
+        while self.fit_one():
+            pass
+
+    @property
+    def figures(self) -> dict[str, Figures]:
+        """Of the ``run`` and of the ``window``, as far as they have been fitted."""
+        return self._figures
+
+    def _describe(self) -> None:
+        found: dict[str, Figures] = {}
+        run, window = self._running.run(), self._running.latest
+        if run is not None:
+            found["run"] = _named(run, BLOCKS)
+            found["run"]["blocks"] = self._running.blocks
+            found["run"]["blocks_lost"] = self._running.lost
+        if window is not None:
+            found["window"] = _named(window)
+        self._figures = found
+
+
+def error_models(
+    engine: Engine, name: str, parts: Iterable[Evaluations], *, whole: bool
+) -> dict[str, Figures]:
+    """Of the ``run`` and of its ``window``, where there are enough poses.
+
+    ``parts``: all evaluations of the run. ``whole``: the engine has all of the ground truth still.
+    """
+    offset = engine.settings.estimates[name].time_offset
+    live = LiveErrorModels(engine.settings.evaluation.window)
+    poses = []
+    for part in parts:
+        if len(part):
+            poses.append(_poses(part, offset))
+            live.add(part, offset)
+            while not whole and live.fit_block():
+                pass
+    if not poses:
+        return {}
+    if not whole:
+        live.fit_all()
+        return live.figures
+    live.fit_window()
+    found = {k: v for k, v in live.figures.items() if k == "window"}
+
+    def truth(asked: npt.NDArray[np.int64]) -> Truth:
+        return engine.truth(asked, name)
+
+    all_poses = Poses.joined(poses)
+    run = fit(all_poses.truth.stamps, all_poses.estimate, truth)
+    if run is not None:
+        found["run"] = _named(run, WHOLE)
+    return found
+
+
+def put_into(summary: Figures, models: dict[str, Figures]) -> None:
+    """Add the models to a summary, where they belong."""
+    if "run" in models:
+        summary["error_model"] = models["run"]
+    if "window" in models:
+        summary["window"]["error_model"] = models["window"]
+
+
+def _poses(evaluations: Evaluations, offset: int) -> Poses:
+    return Poses(
+        Recorded(
+            evaluations.stamps + offset,
+            evaluations.ground_truth,
+            evaluations.covariance,
+            evaluations.twist,
+        ),
+        evaluations.estimate,
+    )
+
+
+def _named(model: ErrorModel, of: str | None = None) -> Figures:
+    return named(model) if of is None else {**named(model), "fit": of}
