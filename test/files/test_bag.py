@@ -161,7 +161,7 @@ def test_candidates_by_header_stamps(bag):
         ("/nothing", "there is no topic '/nothing'; with poses there are /odometry, /pose,"),
         ("/words", "the topic '/words' holds std_msgs/msg/String, from which no pose is taken"),
         ("/tf", "the topic '/tf' holds transforms: name one as /tf:parent.child"),
-        ("/tf:map.odom", "there is no pose on the topic '/tf:map.odom'"),
+        ("/tf:map.odom", "there is no frame 'map' on /tf; there are base_link, odom"),
         ("/pose:odom.base_link", "the topic '/pose' holds no transforms"),
     ],
 )

@@ -7,8 +7,8 @@ the message headers, which say when a pose was true, not of the log, which say w
 written down (they may not even be on the same clock).
 
 Topics: PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped; and one transform of
-a TFMessage, named as evo does: ``/tf:odom.base_link`` is the pose of ``base_link`` in ``odom``,
-as published, without composing it from others.
+a TFMessage, named as evo does: ``/tf:odom.base_link`` is the pose of ``base_link`` in ``odom``, as
+published, or where it is not, composed along the tree of those that are, static ones included.
 """
 
 import contextlib
@@ -21,9 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from trajeval_ros import se3
 from trajeval_ros.files.salvage import lone_bag, salvaged
 from trajeval_ros.files.text import PathLike
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+from trajeval_ros.files.transforms import Edge, composed, way
 
 Progress = Callable[[int, int], None]
 """Called with the number of messages read, and of all there are to read."""
@@ -105,6 +107,7 @@ def read_bag(
     """
     source = os.fspath(path)
     remarks: list[str] = []
+    made: dict[tuple[str, str], str] = {}
     with _opened(source, remarks) as reader:
         keys = [_find(source, reader, topic) for topic in topics]
         columns = {key: _Column() for key in keys}
@@ -113,6 +116,9 @@ def read_bag(
         ):
             if (topic, edge) in columns:
                 columns[topic, edge].add(pose)
+        for key in keys:
+            if key[1] and not columns[key].stamps:
+                columns[key], made[key] = _composed(source, reader, *key)
     for name, key in zip(topics, keys, strict=True):
         if not columns[key].stamps:
             raise TrajectoryFileError(source, f"there is no pose on the topic {name!r}")
@@ -121,19 +127,22 @@ def read_bag(
                 source, f"header.stamp was never set on the topic {name!r}: it is 0 throughout"
             )
     return tuple(
-        columns[key].trajectory(f"{source}, topic {name}", tuple(remarks))
+        columns[key].trajectory(
+            f"{source}, topic {name}", (*remarks, *([made[key]] if key in made else []))
+        )
         for name, key in zip(topics, keys, strict=True)
     )
 
 
 @dataclasses.dataclass(frozen=True)
 class _Pose:
-    """A message's stamp, position with quaternion, and covariance if its type has one."""
+    """A message's stamp, position with quaternion, covariance if its type has one, and frames."""
 
     stamp: int
     numbers: tuple[float, ...]
     covariance: Any
     row: int
+    frames: tuple[str, str] = ("", "")
 
 
 class _Column:
@@ -152,6 +161,19 @@ class _Column:
         if pose.covariance is not None:
             self._covariances.append(pose.covariance)
 
+    @property
+    def rows(self) -> list[int]:
+        """The message of each."""
+        return self._rows
+
+    def edge(self, static: bool) -> Edge:
+        """The transform that these are."""
+        numbers = np.array(self._numbers, dtype=np.float64)
+        norms = np.linalg.norm(numbers[:, 3:], axis=1)
+        good = np.isfinite(numbers).all(axis=1) & (np.abs(norms - 1.0) < 1e-2)
+        poses = se3.from_position_quaternion(numbers[good, :3], numbers[good, 3:])
+        return Edge.of(np.array(self.stamps, dtype=np.int64)[good], poses, static)
+
     def trajectory(self, source: str, remarks: tuple[str, ...]) -> Trajectory:
         numbers = np.array(self._numbers, dtype=np.float64)
         covariances = None
@@ -166,6 +188,43 @@ class _Column:
             covariances=covariances,
             remarks=remarks,
         )
+
+
+def _composed(source: str, reader: Any, topic: str, name: str) -> tuple[_Column, str]:
+    """A transform that is not published itself, along the tree of those that are; what to say."""
+    static_topic = f"{topic}_static"
+    static: dict[tuple[str, str], bool] = {}
+    columns: dict[tuple[str, str], _Column] = {}
+    for of_topic, _, pose in _poses(source, reader, {topic, static_topic}, None, []):
+        columns.setdefault(pose.frames, _Column()).add(pose)
+        static[pose.frames] = of_topic == static_topic
+    edges = {pair: column.edge(static[pair]) for pair, column in columns.items()}
+    frames = {frame for pair in edges for frame in pair}
+    # A frame may have dots in its name.
+    cuts = [place for place, letter in enumerate(name) if letter == "."]
+    asked = [(_frame(name[:cut]), _frame(name[cut + 1 :])) for cut in cuts]
+    parent, child = next((pair for pair in asked if frames >= set(pair)), asked[0])
+    for frame in (parent, child):
+        if frame not in frames:
+            raise TrajectoryFileError(
+                source, f"there is no frame {frame!r} on {topic}; there are {_listed(frames)}"
+            )
+    steps = way(edges, parent, child)
+    if not steps:
+        raise TrajectoryFileError(source, f"{parent!r} and {child!r} are not connected on {topic}")
+    stamps, poses, finest = composed(edges, steps)
+    positions, quaternions = se3.to_position_quaternion(poses)
+    row = dict(zip(columns[finest].stamps, columns[finest].rows, strict=True))
+    result = _Column()
+    for stamp, p, q in zip(stamps.tolist(), positions.tolist(), quaternions.tolist(), strict=True):
+        result.add(_Pose(stamp, (*p, *q), None, row[stamp]))
+    along = ", ".join(f"{a} to {b}" for (a, b), _ in steps)
+    return result, f"{topic}:{name} is composed of {along}"
+
+
+def _listed(frames: set[str]) -> str:
+    shown = sorted(frames)[:12]
+    return ", ".join(shown) + (" ..." if len(frames) > len(shown) else "")
 
 
 @contextlib.contextmanager
@@ -280,15 +339,17 @@ def _poses(
         rows[topic] += 1
         if connection.msgtype in _TF_TYPES:
             for transform in message.transforms:
-                edge = f"{_frame(transform.header.frame_id)}.{_frame(transform.child_frame_id)}"
-                yield topic, edge, _pose(transform, rows[topic])
+                frames = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
+                yield topic, ".".join(frames), _pose(transform, rows[topic], frames=frames)
         else:
             yield topic, "", _pose(message, rows[topic], connection.msgtype in _WITH_COVARIANCE)
         if progress is not None and (done % _PROGRESS_EVERY == 0 or done == total):
             progress(done, total)
 
 
-def _pose(message: Any, row: int, with_covariance: bool = False) -> _Pose:
+def _pose(
+    message: Any, row: int, with_covariance: bool = False, frames: tuple[str, str] = ("", "")
+) -> _Pose:
     """Of a message of one of the types, or of a transform of a TFMessage."""
     covariance = None
     if hasattr(message, "transform"):
@@ -312,6 +373,7 @@ def _pose(message: Any, row: int, with_covariance: bool = False) -> _Pose:
         ),
         covariance,
         row,
+        frames,
     )
 
 
