@@ -106,16 +106,12 @@ def _errors(summary: Figures, parameters: Figures) -> list[str]:
         (f"ATE, RMSE ({alignment})", conventional, "ate_{}_rmse"),
         (f"RE, RMSE (over {step})", conventional, "re_{}_rmse"),
         (f"RE, RMSE (over {step}, all pairs)", drift.get("all_pairs") or {}, "re_{}_rmse"),
-        ("pose to pose, RMSE", summary["relative"], "{}_rmse"),
-        ("aligned by likelihood, RMSE", summary["absolute"], "{}_rmse"),
         (f"noise-equivalent, {_last(parameters)}", window, "noise_equivalent_{}_std"),
     )
     rows = [("Error", *_PARTS)]
     for title, figures, key in named:
         translation, rotation = (figures.get(key.format(part)) for part in _PARTS)
-        # In sim3 a step of the estimate is not in metres.
-        unscaled = gauge == "sim3" and figures is summary["relative"]
-        if (translation, rotation) != (None, None) and not unscaled:
+        if (translation, rotation) != (None, None):
             rows.append((title, metres(translation), degrees(rotation)))
     kitti = drift.get("kitti")
     if kitti is not None:
@@ -125,7 +121,7 @@ def _errors(summary: Figures, parameters: Figures) -> list[str]:
         )
     lines = table(rows)
     if no_drift(drift):
-        lines.append(f"No drift over 100 to 800 m (KITTI): {no_drift(drift)}")
+        lines.append(f"No KITTI drift: {no_drift(drift)}")
     if gauge == "sim3":
         lines.append(f"Scale of the estimate  {scale(summary)}")
     return lines

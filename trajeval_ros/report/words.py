@@ -152,12 +152,12 @@ def tiles(run: Run, series: Series | None) -> list[Row]:
     ratio = likelihood.get("chi2_per_dof")
     return [
         (
-            "Absolute error, ATE",
+            "ATE, absolute error",
             length(conventional.get("ate_translation_rmse")),
             f"and {angle(conventional.get('ate_rotation_rmse'))}, RMSE, {gauge}",
         ),
         (
-            f"Relative error over {_step(run)}",
+            f"RE over {_step(run)}",
             length(conventional.get("re_translation_rmse")),
             f"and {angle(conventional.get('re_rotation_rmse'))}, RMSE",
         ),
@@ -272,7 +272,7 @@ def figures(run: Run) -> list[Row]:
         (
             "Pose to pose, translation and rotation",
             f"{length(relative.get('translation_rmse'))}, {angle(relative.get('rotation_rmse'))}",
-            "RMSE of the step from one estimate to the next",
+            "RMSE of the step from one estimate to the next, in gaps of the ground truth too",
         ),
         (
             "Absolute log-likelihood",
@@ -303,7 +303,7 @@ def figures(run: Run) -> list[Row]:
         (
             "Aligned by likelihood, translation and rotation",
             f"{length(absolute.get('translation_rmse'))}, {angle(absolute.get('rotation_rmse'))}",
-            "RMSE under the likelihood-weighted alignment",
+            "RMSE under the likelihood-weighted alignment, in gaps of the ground truth too",
         ),
         (
             f"Relative log-likelihood of {last}",
