@@ -117,7 +117,7 @@ def test_what_is_refused(run: list[Path], capsys: pytest.CaptureFixture[str]) ->
     files = ["tum", str(run[0]), str(run[1])]
     assert evaluate.main([*files, "--start", "900"]) == 1
     assert "no pose of it lies from 900 s" in capsys.readouterr().err
-    assert evaluate.main([*files, "--start", "9", "--end", "8"]) == 1
+    assert evaluate.main([*files, "--start", "9", "--end", "8"]) == 2
     assert "is not after the start" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         evaluate.main([*files, "--start", "-3"])

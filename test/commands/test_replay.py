@@ -149,7 +149,7 @@ def test_a_stamp_that_does_not_fit_is_named_by_its_row(
     player = replay("tum", run[0], bad, "--wait", 0)
     output, errors = player.communicate(timeout=60)
     assert player.returncode == 1
-    assert output == ""
+    assert output == f"{bad}: rows are not in the order of time (1 steps back): sorted\n"
     assert errors.strip() == f"replay: error: {bad}, row 3: the stamp does not fit a ROS message"
 
 

@@ -17,7 +17,7 @@ from trajeval_ros.commands.figures import table
 from trajeval_ros.files import sources
 from trajeval_ros.files.content import STANDARD_INPUT
 from trajeval_ros.files.recognise import Recognised, recognise
-from trajeval_ros.files.span import Instant, SpanError, cut_all, span_of, words
+from trajeval_ros.files.span import Instant, OrderError, SpanError, cut_all, span_of, words
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 
 FORMATS = ("tum", "euroc", "kitti", "bag")
@@ -146,6 +146,8 @@ def cut(arguments: argparse.Namespace, data: Inputs, time_offsets: Sequence[floa
     ------
     CommandError
         Where nothing is left.
+    UsageError
+        Where the end comes before the start.
     """
     try:
         span = span_of(arguments.start, arguments.end, data.ground_truth)
@@ -158,6 +160,8 @@ def cut(arguments: argparse.Namespace, data: Inputs, time_offsets: Sequence[floa
             dict(zip(data.names, data.estimates, strict=True)),
             dict(zip(data.names, offsets, strict=True)),
         )
+    except OrderError as error:
+        raise UsageError(str(error)) from error
     except SpanError as error:
         raise CommandError(str(error)) from error
     kept = tuple(estimates.values())

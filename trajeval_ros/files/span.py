@@ -27,6 +27,10 @@ class SpanError(ValueError):
     """A span that is none, or holds nothing; the message is one line."""
 
 
+class OrderError(SpanError):
+    """A span that ends before it begins."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Instant:
     """A time as the user gave it, exact to the nanosecond.
@@ -83,7 +87,8 @@ def span_of(start: Instant | None, end: Instant | None, truth: Trajectory) -> Sp
     """The span on the ground truth's clock; None where it is open at both ends.
 
     Raises:
-        SpanError: it ends before it begins, or the ground truth has no pose.
+        OrderError: it ends before it begins.
+        SpanError: the ground truth has no pose.
     """
     if start is None and end is None:
         return None
@@ -98,7 +103,7 @@ def span_of(start: Instant | None, end: Instant | None, truth: Trajectory) -> Sp
     if begin_ns is not None and end_ns is not None and end_ns <= begin_ns:
         assert start is not None
         assert end is not None
-        raise SpanError(f"the end, {_said(end, first)}, is not after the start, {start.text}")
+        raise OrderError(f"the end, {_said(end, first)}, is not after the start, {start.text}")
     words = [
         f"{word} {'the stamp ' if one.is_stamp else ''}{one.text}{'' if one.is_stamp else ' s'}"
         for word, one in (("from", start), ("to", end))
