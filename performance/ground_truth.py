@@ -13,7 +13,7 @@ import os
 import pickle
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -435,6 +435,51 @@ class Live:
             self.ground_truth.append(samples[start : start + batch])
 
 
+def sample_targets(rates: Sequence[int] = (10, 100, 1000), seconds: int = 60) -> Iterator[Target]:
+    """The cost of a sample once the process is known, with its share of 20 queries a second.
+
+    In bulk ten seconds at a time, as a file is fed; live in batches of 20 ms, each query as soon
+    as the samples up to the lag after it are there.
+    """
+    for rate, aims in zip(rates, ((None, None), (4.0, None), (4.0, 8.0)), strict=False):
+        for name, piece, aim in (
+            ("in bulk", 10 * SECOND, aims[0]),
+            ("live", SECOND // 50, aims[1]),
+        ):
+            cost = 1e6 * _cost(rate, seconds, piece)
+            figure = f"a sample at {rate:,} Hz {name}, µs"
+            if aim is None:
+                yield Target(figure, "", f"{cost:.1f}", None)
+            else:
+                yield at_most(figure, cost, aim, ".1f")
+
+
+def _cost(rate: int, seconds: int, piece: int) -> float:
+    """Seconds of processor time a sample, in the second half of so many seconds of data."""
+    ground_truth = GroundTruth(settings())
+    samples = simulated(0, rate * seconds, rate)
+    asked = np.arange(0, samples.stamps[-1] - LAG, SECOND // 20) + 1_234_567
+    ready = samples.stamps[np.searchsorted(samples.stamps, asked + LAG)]
+    taken, answered, spent = 0, 0, []
+    for end in range(piece, seconds * SECOND + 1, piece):
+        until, last = np.searchsorted(samples.stamps, end), int(np.searchsorted(ready, end))
+        begin = time.process_time()
+        if until > taken:
+            ground_truth.append(samples[taken:until])
+        if ground_truth.hyperparameters is not None and last > answered:
+            queries = slice(answered, last)
+            ground_truth.posterior(asked[queries], ready[queries])
+            ground_truth.forget(int(asked[last - 1]))
+        spent.append(time.process_time() - begin)
+        taken, answered = until, last
+    later = spent[len(spent) // 2 :]
+    # Learning, which costs less and less a sample as a run goes on, is not in the median.
+    typical = float(
+        np.median(np.add.reduceat(later, np.arange(0, len(later), 10 * SECOND // piece)))
+    )
+    return typical / (10 * rate)
+
+
 def resident() -> int:
     """Return the process's memory in bytes; 0 where the system does not say."""
     statm = Path("/proc/self/statm")
@@ -478,7 +523,7 @@ def hour_targets(rate: int = 1000, seconds: int = 3600, rounds: int = 40) -> Ite
 def run() -> Iterator[Table]:
     """Measure on EuRoC V1_02's first 30 s, and on a simulated hour."""
     title = f"Ground truth: an hour at 1 kHz, in batches of 20 ms (`{KERNEL}`)"
-    yield targets("ground truth hour", title, list(hour_targets()))
+    yield targets("ground truth hour", title, [*hour_targets(), *sample_targets(seconds=200)])
     if not DATA.exists():
         raise SkippedError(f"the recordings are not there ({DATA.parent.name}/{DATA.name})")
     sklearn_process()

@@ -13,6 +13,8 @@ import pytest
 
 from performance import __main__ as entry
 from performance import calibration, clocks, commands, ground_truth, likelihoods, tables
+from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.files.tum import read_tum
 from trajeval_ros.ground_truth.segment import Samples
 
 needs_sklearn = pytest.mark.skipif(
@@ -79,6 +81,12 @@ def test_picture(measured: calibration.Measured, tmp_path: Path) -> None:
     assert 0 < path.stat().st_size < 200_000
 
 
+def ape(truth: Trajectory, estimate: Trajectory) -> float:
+    """The mean distance of positions of the same row, of each estimate that has a sample."""
+    apart = truth.positions[::5] - estimate.positions
+    return float(np.linalg.norm(apart, axis=1).mean())
+
+
 @needs_sklearn
 def test_scikit_learn_gives_the_same_answers(samples: Samples) -> None:
     found = ground_truth.query_targets(samples[:300], rounds=1, count=20, refitted=2)
@@ -93,6 +101,19 @@ def test_an_hour() -> None:
     assert len(found) == 1
 
 
+def test_a_sample() -> None:
+    found = list(ground_truth.sample_targets((20, 50), seconds=24))
+    assert len(found) == 4
+
+
+def test_a_long_run_is_what_it_says(tmp_path: Path) -> None:
+    truth, estimate = (read_tum(name) for name in commands.long_run(tmp_path, 70))
+    assert len(truth) == 7000
+    assert len(estimate) == 1400
+    found = ape(truth, estimate)
+    assert 1e-4 < found < 0.1
+
+
 def test_window() -> None:
     found = likelihoods.window_targets(count=50, rounds=1)
     assert list(verdicts(found, "difference").values()) == [True]
@@ -105,7 +126,7 @@ def test_run() -> None:
 
 def test_commands_are_timed() -> None:
     times = commands.seconds([["true"]])
-    assert times.shape == (2,)
+    assert times.shape == (3,)
     assert (times >= 0.0).all()
     with pytest.raises(tables.SkippedError, match="false"):
         commands.seconds([["false"]])
