@@ -43,8 +43,9 @@ Counts = npt.NDArray[np.intp]
 # alone: rows in blocks, queries in panels.
 _BLOCK = 32
 _PANEL = 8
-# So many panels at a time stay in the processor's cache.
-_PANELS = 32
+# So many panels at a time: their arrays stay in the cache, and the memory they need is not handed
+# back to the system, and asked for anew, each time.
+_PANELS = 16
 _ROWS, _COLUMNS = np.tril_indices(_BLOCK)
 _LOWER = _ROWS * _BLOCK + _COLUMNS
 
@@ -342,10 +343,10 @@ class _Panels:
 
 def _kernel(blocks: list[tuple[MarkovFactor, int]]) -> MarkovSum:
     """The factors' kernels side by side."""
-    first = blocks[0][0]
-    if all(factor is first for factor, _ in blocks):
-        return first._kernel
-    return MarkovSum.beside([factor._kernel for factor, _ in blocks])
+    kernels = [factor._kernel for factor, _ in blocks]
+    if all(kernel is kernels[0] for kernel in kernels):
+        return kernels[0]
+    return MarkovSum.beside(kernels)
 
 
 def _markov_products(
@@ -357,9 +358,10 @@ def _markov_products(
         factor, _, _ = asked[0]
         shape = (kinds, factor._groups, 0)
         return np.empty((*shape, factor._columns)), np.empty(shape)
+    size = _PANELS // kinds
     parts = [
-        _of_panels(panels[begin : begin + _PANELS], kinds)
-        for begin in range(0, len(panels.block), _PANELS)
+        _of_panels(panels[begin : begin + size], kinds)
+        for begin in range(0, len(panels.block), size)
     ]
     found, explained = (np.concatenate(each, axis=2) for each in zip(*parts, strict=True))
     flat = (kinds, found.shape[1], -1)

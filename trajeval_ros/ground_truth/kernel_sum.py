@@ -132,7 +132,8 @@ class MarkovSum(KernelSum):
     def cross(self, apart: Array, kinds: int = 1) -> Array:
         """As that of any sum."""
         a = self._rates[:, self._distinct, :, None] * np.abs(apart)
-        decay = np.exp(-a)
+        decay = np.negative(a)
+        np.exp(decay, out=decay)
         found = [self._summed(_polynomials(self._table.values, a, decay), self._variances)]
         if kinds > 1:
             each = _polynomials(self._table.slopes, a, decay)

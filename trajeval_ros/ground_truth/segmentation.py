@@ -105,15 +105,17 @@ class Blended:
         return weight
 
     def shares(self, stamps: Stamps) -> tuple[Indices, Array]:
-        """Which of ``stamps`` (q,) the segment has weight at, in their order, and its weights."""
-        possible = np.ones(len(stamps), dtype=np.bool_)
+        """Which of ``stamps`` (q,), not decreasing, it has weight at, and its weights."""
+        first, end = 0, len(stamps)
         if self.incoming is not None:
-            possible &= stamps > self.incoming.begin
+            first = int(np.searchsorted(stamps, self.incoming.begin, side="right"))
         if self.outgoing is not None and self.outgoing.last >= 1.0:
-            possible &= stamps < self.outgoing.end
-        asked = np.flatnonzero(possible)
-        weight = self.weight(stamps[asked]) if len(asked) else np.empty(0)
-        return asked[weight > 0.0], weight[weight > 0.0]
+            end = int(np.searchsorted(stamps, self.outgoing.end))
+        if first >= end:
+            return np.empty(0, dtype=np.intp), np.empty(0)
+        weight = self.weight(stamps[first:end])
+        asked = np.flatnonzero(weight > 0.0)
+        return first + asked, weight[asked]
 
 
 class Segmentation:

@@ -192,7 +192,13 @@ class GroundTruth:
         if not self._processes:
             raise ValueError("the hyperparameters are not known yet")
         self._advance()
-        parts = [part for blended in self._segmentation for part in _parts(blended, stamps, until)]
+        order = np.argsort(stamps, kind="stable")
+        sorted_stamps = stamps[order]
+        parts = [
+            part
+            for blended in self._segmentation
+            for part in _parts(blended, order, sorted_stamps, until)
+        ]
         found = answers(
             [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts], twists
         )
@@ -231,12 +237,15 @@ class GroundTruth:
         self._stamps = self._stamps[keep:]
 
 
-def _parts(blended: Blended, stamps: Stamps, until: Stamps) -> Iterator[Part]:
-    """What a segment's epochs answer of the queries at ``stamps`` (q,)."""
-    asked, share = blended.shares(stamps)
-    if not len(asked):
+def _parts(blended: Blended, order: Stamps, sorted_stamps: Stamps, until: Stamps) -> Iterator[Part]:
+    """What a segment's epochs answer of queries (q,): ``sorted_stamps`` are theirs by ``order``."""
+    places, share = blended.shares(sorted_stamps)
+    if not len(places):
         return
-    segment = blended.segment
+    segment, asked = blended.segment, order[places]
+    if len(segment.epochs) == 1:
+        yield Part((blended.index, 0), segment, segment.epochs[0], asked, share)
+        return
     counts = segment.counts(until[asked])
     firsts = np.array([epoch.first for epoch in segment.epochs])
     numbers = np.searchsorted(firsts, np.maximum(counts, 1), side="right") - 1
