@@ -70,6 +70,11 @@ def test_each_pair_is_compared(paths: list[Path], tmp_path: Path) -> None:
     assert pair["common"]["poses"] < sparse["estimate"]["evaluated"]
     assert pair["ate_translation"]["ratio"] == pytest.approx(1.0, abs=1e-9)
     assert "both cover" in result.stdout
+    # Side by side, before the sentence.
+    end = result.stdout.partition("Compared, each with each")[2].splitlines()
+    assert end[2].split() == ["coverage", "ATE", "RE"]
+    assert [line.split()[0] for line in end[3:5]] == ["dense", "sparse"]
+    assert all("100 %" in line for line in end[3:5])
 
 
 def test_each_has_parameters_of_its_own(paths: list[Path], tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins.runs import START, motion, samples
 
+from trajeval_ros.ground_truth.faults import Fault
 from trajeval_ros.online.coverage import Odometer, Presence, coverage
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
@@ -98,6 +99,19 @@ def test_keyframes_that_come_rarely_are_no_losses():
     odometer.add(stamps, positions)
     presence.add(np.arange(5, 25, 2, dtype=np.int64) * SECOND)
     assert coverage(odometer.way(), presence)["losses"] == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "code", "text"),
+    [
+        (1, "origin_jump", "1 jump no body makes, from"),
+        (1, "frozen", "1 sample that repeats the one before"),
+        (2, "frozen", "2 samples that repeat the one before"),
+        (34, "outliers", "34 samples far from"),
+    ],
+)
+def test_faults_are_counted_in_plain_words(count, code, text):
+    assert Fault(code, 0, 0, count).text.startswith(text)
 
 
 def codes(ground_truth_rate, estimate_rate, error):

@@ -74,6 +74,26 @@ def compact(value: float | None) -> str:
     return number(value) if abs(value) < 1e15 else f"{value:.3e}"
 
 
+def side_by_side(summaries: Mapping[str, Figures]) -> list[str]:
+    """Return what of several runs is looked at first, a line for each."""
+    from trajeval_ros.report import covered
+
+    rows = [("", "coverage", "ATE", "", "RE", "")]
+    for name, summary in summaries.items():
+        conventional, share = summary["conventional"], summary["coverage"]["time"]
+        rows.append(
+            (
+                name,
+                _NONE if share is None else covered.percent(share),
+                metres(conventional.get("ate_translation_rmse")),
+                degrees(conventional.get("ate_rotation_rmse")),
+                metres(conventional.get("re_translation_rmse")),
+                degrees(conventional.get("re_rotation_rmse")),
+            )
+        )
+    return table(rows)
+
+
 def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
     """Return the summary of a run in lines of text: counts, errors, likelihoods.
 

@@ -113,6 +113,8 @@ def score(
         failures += dict.fromkeys(run.failures.values())
     if comparisons:
         print("\nCompared, each with each\n")
+        summaries = {name: one.summary for name, one in found.items()}
+        print("\n".join(figures.side_by_side(summaries)) + "\n")
         print("\n".join(f"{sentence(comparison)}." for comparison in comparisons))
     if len(runs) > 1 and output:
         print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")

@@ -33,7 +33,13 @@ class Fault:
     @property
     def text(self) -> str:
         """One line for the user."""
-        return f"{self.count} {EXPLANATIONS[self.code]}"
+        explained = EXPLANATIONS[self.code]
+        if self.count == 1:
+            plural, _, rest = explained.partition(" ")
+            explained = f"{plural.removesuffix('s')} {rest}".replace(
+                "that repeat ", "that repeats "
+            )
+        return f"{self.count} {explained}"
 
     def and_then(self, begin: int, end: int, count: int) -> Fault:
         """With later ones."""

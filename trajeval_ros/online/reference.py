@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.faults import Faults
+from trajeval_ros.ground_truth.faults import Fault, Faults
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.screen import Screen, Screened
 from trajeval_ros.ground_truth.segment import Samples
@@ -96,7 +96,11 @@ class Reference:
     def faulty(self) -> tuple[Notice, ...]:
         """What is wrong with the ground truth."""
         return tuple(
-            Notice("warning", f"ground_truth_{fault.code}", f"ground truth: {fault.text}")
+            Notice(
+                "warning",
+                f"ground_truth_{fault.code}",
+                f"ground truth: {fault.text} ({_when(fault)})",
+            )
             for fault in self.faults.found
         )
 
@@ -105,6 +109,12 @@ class Reference:
         account, held = self._intake.account, self._intake.held + len(self._screen.held)
         used = account.received - account.rejected_total - held
         return self._intake.health(used, held)
+
+
+def _when(fault: Fault) -> str:
+    """The stamps of a fault, as its topic or file has them."""
+    begin, end = f"{fault.begin * 1e-9:.3f} s", f"{fault.end * 1e-9:.3f} s"
+    return f"at {begin}" if begin == end else f"{begin} to {end}"
 
 
 def _described(hyperparameters: Hyperparameters) -> str:
