@@ -59,7 +59,7 @@ def test_it_is_the_file_cut_by_hand(
     assert found["estimate"]["received"] == left
     assert found["estimate"]["cut"] == total - left
     assert found["ground_truth"]["cut"] == len(known) - found["ground_truth"]["received"]
-    assert f"{total - left:,} cut before" in said
+    assert f"{total - left:,} cut away" in said
     line = said.splitlines()[0]
     assert line.startswith("info: from 5 s to 12.5 s after the ground truth begins; left out: ")
     assert f"{total - left:,} of {total:,} poses of {estimate}" in line
@@ -110,7 +110,7 @@ def test_uncut_runs_do_not_speak_of_it(
     files = [str(run[0]), str(run[1]), "--output", str(tmp_path)]
     assert evaluate.main(["tum", *files]) == 0
     assert "cut" not in summary_of(tmp_path)["estimate"]
-    assert "cut before" not in capsys.readouterr().out
+    assert "cut away" not in capsys.readouterr().out
 
 
 def test_what_is_refused(run: list[Path], capsys: pytest.CaptureFixture[str]) -> None:

@@ -48,7 +48,7 @@ def account(counts: Figures, taken: str) -> str:
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in rejected.items())
         parts.append(f"{sum(rejected.values()):,} rejected ({reasons})")
     if counts.get("cut"):
-        parts.append(f"{counts['cut']:,} cut before")
+        parts.append(f"{counts['cut']:,} cut away")
     return ", ".join(parts)
 
 
