@@ -8,7 +8,7 @@ from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
 
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.diagnosis.fitted import fitted_causes, together
+from trajeval_ros.diagnosis.fitted import disagree, fitted_causes, together
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Nuisances
@@ -78,3 +78,16 @@ def test_misread_poses_are_not_fitted_and_the_finer_of_two_is_kept():
     coarse = (Cause("clock_offset", "coarse", ""), Cause("scale", "", ""))
     assert [c.text for c in together(coarse, (clock,)) if c.code == "clock_offset"] == ["finer"]
     assert {c.code for c in together(coarse, (clock,))} == {"clock_offset", "scale"}
+
+
+def test_positions_and_orientations_of_different_times_are_said():
+    early = estimate(Kind.DRIFT, FINE, Nuisances(0.035, 0.0, NONE, 1.0), count=600)
+    late = estimate(Kind.DRIFT, FINE, Nuisances(-0.035, 0.0, NONE, 1.0), count=600)
+    mixed = early[1].copy()
+    mixed[:, :3, :3] = late[1][:, :3, :3]
+    model = named(fit(early[0], mixed, ask))
+    by = model["clock_offset_by"]
+    assert by["translation"]["value"] == pytest.approx(0.035, abs=0.01)
+    assert by["rotation"]["value"] == pytest.approx(-0.035, abs=0.02)
+    assert disagree(model)
+    assert not disagree(named(fit(*early, ask)))

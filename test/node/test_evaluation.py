@@ -44,7 +44,9 @@ ROUND_OFF = ("consistency",)
 def assert_same_figures(actual: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
     # The error model is fitted beside the engine; `test_session` compares it with a file's.
     assert actual["window"].pop("error_model")["poses"] > 40
-    found, wanted = dict(leaves(actual)), dict(leaves(expected))
+    # What a summary says of where it comes from is not the engine's.
+    of_engine = {key: value for key, value in actual.items() if key in expected}
+    found, wanted = dict(leaves(of_engine)), dict(leaves(expected))
     assert found.keys() == wanted.keys()
     for path, value in wanted.items():
         if path.endswith(ROUND_OFF):

@@ -21,6 +21,8 @@ from trajeval_ros.diagnosis.rotations import Array
 GAIN = 10.0
 """Nats that a nuisance gains beyond doubt: 4.5 standard deviations, a chance of 7e-6, of nine."""
 
+# Two offsets of the clock differ by so many standard deviations of the difference.
+_APART = 4.5
 # Of three components together, what has the same chance.
 _GAIN_OF_THREE = 13.2
 # s, m, rad, 1: below, nobody sets anything.
@@ -58,6 +60,16 @@ def together(coarse: tuple[Cause, ...], fitted: tuple[Cause, ...]) -> tuple[Caus
     return (*(cause for cause in coarse if cause.code not in codes), *fitted)
 
 
+def disagree(model: Mapping[str, Any]) -> bool:
+    """Whether positions and orientations, each alone, say different clock offsets."""
+    by = model.get("clock_offset_by")
+    if not by:
+        return False
+    first, second = by["translation"], by["rotation"]
+    apart = abs(first["value"] - second["value"])
+    return bool(apart > _APART * math.hypot(first["std"], second["std"]) and apart > _SHORTEST)
+
+
 def gain(value: Array, covariance: Array) -> float:
     """Nats that values (n,) gain over none, to second order."""
     return 0.5 * float(value @ np.linalg.solve(covariance, value))
@@ -69,6 +81,13 @@ def _clock(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
     if gained < GAIN or abs(value) < _SHORTEST:
         return ()
     whole = applied + value
+    but = ""
+    if disagree(model):
+        positions = model["clock_offset_by"]["translation"]
+        but = f"; by positions alone {1e3 * (applied + positions['value']):+.0f} ms,"
+        but += " so it puts orientations right and not positions"
+        if model["clock_offset_by"]["rotation"]["std"] > positions["std"]:
+            but = "; orientations alone say otherwise"
     digits = min(max(1 - math.floor(math.log10(1e3 * std)), 0), 4)
     known = f" (estimate.time_offset is {applied:g})" if applied else ""
     return (
@@ -76,7 +95,7 @@ def _clock(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
             "clock_offset",
             f"the estimate's clock is off by {-1e3 * whole:.{digits}f} ± {1e3 * std:.{digits}f} ms"
             f"{known}: {gained:,.0f} nats better with {1e3 * whole:+.{digits}f} ms added to its"
-            " stamps",
+            f" stamps{but}",
             f"set estimate.time_offset={whole:.{digits + 3}f}",
         ),
     )

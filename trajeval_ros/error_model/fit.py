@@ -62,6 +62,8 @@ _BLOCKS = 40
 _PART = 60
 _PART_DURATION = 5.0
 _FIXED = 1e16
+# A group's noise is so much larger in variance where it is left out.
+_IGNORED = 1e10
 # Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
 _ROUGH = 0.3
 
@@ -110,6 +112,7 @@ class ErrorModel:
     alignment, of ``poses`` poses; uncorrected: with no nuisance at all, at the same parameters.
     chi2_per_dof, whiteness: of the innovations; the autocorrelations (2, lags), from lag 1 on.
     alternatives: nats a pose of each process. clock_changes: other than at a steady rate.
+    clock_by_group: the clock offset by positions alone and by orientations alone.
     """
 
     kind: Kind
@@ -125,6 +128,7 @@ class ErrorModel:
     jumps: tuple[Jump, ...]
     alternatives: dict[Kind, float]
     clock_changes: tuple[ClockChange, ...] = ()
+    clock_by_group: tuple[Figure, ...] = ()
 
     @property
     def std(self) -> Array:
@@ -331,6 +335,7 @@ def _described(
     inflation = np.maximum(here.clustered_ratio(_blocks(here.count))[:count], 1.0)
     covariance = here.theta_covariance[:count, :count] * inflation * inflation[:, None]
     changes = clock_changes(_stretches(stamps, nuisances, found, np.sqrt(np.diag(covariance))))
+    clocks = _clock_by_group(nuisances, found)
     nuisances = nuisances.moved(here.theta[:count])
     white = here.innovations()
     autocorrelation = np.array(
@@ -358,7 +363,29 @@ def _described(
         _jumps(stamps, here),
         alternatives,
         changes,
+        clocks,
     )
+
+
+def _clock_by_group(nuisances: Nuisances, found: Maximum) -> tuple[Figure, ...]:
+    """The clock offset by positions alone and by orientations alone.
+
+    Where the two differ, they were not taken at one time, or the errors are of another kind.
+    """
+    here = found.likelihood
+    figures = []
+    for group in range(2):
+        ignored = np.ones(2)
+        ignored[1 - group] = _IGNORED
+        data = replace(found.data, measured=found.data.measured * ignored)
+        try:
+            alone = Likelihood(found.kind, here.parameters, data, found.gauge)
+            inflation = max(float(alone.clustered_ratio(_blocks(here.count))[0]), 1.0)
+        except np.linalg.LinAlgError:
+            return ()
+        offset = nuisances.clock_offset + float(alone.theta[0])
+        figures.append(Figure(offset, inflation * float(alone.theta_covariance[0, 0]) ** 0.5))
+    return tuple(figures)
 
 
 def _stretches(stamps: Stamps, nuisances: Nuisances, found: Maximum, std: Array) -> list[Stretch]:

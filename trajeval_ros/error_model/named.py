@@ -32,6 +32,9 @@ def named(model: ErrorModel) -> Figures:
         "model": "wander" if model.kind is Kind.WANDER else "drift",
         **groups,
         "clock_offset": {"value": nuisances.clock_offset, "std": float(std[0])},
+        "clock_offset_by": {
+            group: asdict(each) for group, each in zip(GROUPS, model.clock_by_group, strict=False)
+        },
         "clock_rate": {"value": nuisances.clock_rate, "std": float(std[1])},
         "extrinsic": {
             "translation": {"value": position.tolist(), "std": std[2:5].tolist()},

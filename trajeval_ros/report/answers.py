@@ -8,6 +8,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from trajeval_ros.diagnosis.fitted import disagree
+
 Figures = Mapping[str, Any]
 
 # Of what is not the estimator's fault, what gains ten nats is named: a chance of 7e-6, of nine.
@@ -117,6 +119,11 @@ def _doubts(model: Figures) -> list[tuple[str, str]]:
                 f" {math.degrees(largest['rotation']):.2g} deg at {largest['stamp'] * 1e-9:.3f} s",
             )
         )
+    if disagree(model):
+        by = model["clock_offset_by"]
+        first, second = (_number(**by[group], factor=1e3) for group in ("translation", "rotation"))
+        text = f"positions alone say a clock of {first} ms, orientations alone {second} ms:"
+        found.append(("Doubt", f"{text} no one offset puts both right"))
     for change in model.get("clock_changes", ())[:3]:
         size, when = change["after"] - change["before"], 0.5e-9 * (change["begin"] + change["end"])
         shown = _number(size, change["std"], 1e3)
