@@ -148,7 +148,7 @@ def check_metrics(metrics: list[Any], newest: int, expected: dict[str, Any]) -> 
     last = metrics[-1]
     assert nanoseconds(last) == newest
     statuses = {status.name: values_of(status) for status in last.status}
-    names = ["relative", "absolute", "window", "conventional"]
+    names = ["relative", "absolute", "window", "conventional", "coverage"]
     # Some seconds later, once there has been time for a fit.
     assert list(statuses) in (names, [*names, "error_model"])
     for name, key, figure in (
@@ -158,6 +158,8 @@ def check_metrics(metrics: list[Any], newest: int, expected: dict[str, Any]) -> 
         ("absolute", "alignment_x", expected["absolute"]["alignment"]["pose"][0]),
         ("window", "relative_chi2", expected["window"]["relative"]["chi2"]),
         ("conventional", "ate_translation_rmse", expected["conventional"]["ate_translation_rmse"]),
+        ("coverage", "time", expected["coverage"]["time"]),
+        ("coverage", "path_length", expected["coverage"]["path_length"]),
     ):
         assert float(statuses[name][key]) == pytest.approx(figure, rel=1e-9), (name, key)
     numbers = [v for name, values in statuses.items() for v in values.values() if is_number(v)]
