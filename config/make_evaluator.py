@@ -60,7 +60,7 @@ def _written(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):
-        return "[" + ", ".join(repr(float(entry)) for entry in value) + "]"
+        return "[" + ", ".join(map(_written, value)) + "]"
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 

@@ -51,7 +51,7 @@ def _written(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):
-        return "[" + ", ".join(f"{entry:g}" for entry in value) + "]"
+        return "[" + ", ".join(e if isinstance(e, str) else f"{e:g}" for e in value) + "]"
     return value or '""' if isinstance(value, str) else repr(value)
 
 

@@ -40,6 +40,8 @@ def value(rng: np.random.Generator, parameter: Parameter, folder: Path) -> str:
     match parameter.default:
         case bool():
             return str(rng.choice(["true", "false"]))
+        case (str(), *_):
+            return str(rng.choice(["estimate", "vins", "gauge", "a,b", ""]))
         case tuple():
             turn = rng.normal(size=4)
             pose = [*rng.normal(size=3), *(turn / np.linalg.norm(turn))]
@@ -68,7 +70,7 @@ def _yaml(rng: np.random.Generator, values: dict[str, str]) -> bytes:
         indent, head = "", ""
     lines = []
     for name, text in values.items():
-        listed = f"[{text}]" if name == "extrinsic" else text
+        listed = f"[{text}]" if isinstance(PARAMETERS[name].default, tuple) else text
         quoted = json.dumps(text) if PARAMETERS[name].choices else listed
         lines.append(f"{indent}{name}: {quoted}\n")
     made = (head + "".join(lines)).encode()

@@ -3,6 +3,7 @@
 """The node.
 
 ros2 launch trajeval_ros evaluator.launch.py estimate:=/odom ground_truth:=/vicon/robot
+ros2 launch trajeval_ros evaluator.launch.py estimates:=vins=/vins/odometry,orb=/orb/pose
 """
 
 import os
@@ -18,8 +19,9 @@ SHARE = get_package_share_directory("trajeval_ros")
 
 ARGUMENTS = (
     ("estimate", "estimate", "Topic of the estimate"),
+    ("estimates", "", "Several instead of one: name=topic,name=topic"),
     ("ground_truth", "ground_truth", "Topic of the ground truth"),
-    ("params_file", os.path.join(SHARE, "config", "evaluator.yaml"), "Parameters of the node"),
+    ("params_file", "", "Parameters of the node; when empty those of the package"),
     ("output_directory", "", "Where the results are written at the end; nowhere when empty"),
     ("namespace", "", "Namespace of the node"),
     ("use_sim_time", "", "Take the time from /clock; when empty as the parameters say"),
@@ -33,6 +35,14 @@ def nodes(context: LaunchContext) -> list[Node]:
     # What is not given here, the parameter file says.
     clock = {"use_sim_time": value["use_sim_time"].lower() == "true"}
     overrides = dict(clock) if value["use_sim_time"] else {}
+    topics = dict(pair.split("=", 1) for pair in value["estimates"].split(",") if pair)
+    if topics:
+        overrides["estimates"] = list(topics)
+    else:
+        topics = {"estimate": value["estimate"]}
+    # The package's file is of one estimate, and says no more than the defaults.
+    default = [] if value["estimates"] else [os.path.join(SHARE, "config", "evaluator.yaml")]
+    files = [value["params_file"]] if value["params_file"] else default
     if value["output_directory"]:
         overrides["output.directory"] = value["output_directory"]
     evaluator = Node(
@@ -41,11 +51,8 @@ def nodes(context: LaunchContext) -> list[Node]:
         namespace=value["namespace"],
         output="screen",
         emulate_tty=True,
-        parameters=[value["params_file"], overrides],
-        remappings=[
-            ("estimate", value["estimate"]),
-            ("ground_truth", value["ground_truth"]),
-        ],
+        parameters=[*files, overrides],
+        remappings=[*topics.items(), ("ground_truth", value["ground_truth"])],
         # The report may take seconds to write: do not kill the node over it.
         sigterm_timeout="30",
         sigkill_timeout="30",

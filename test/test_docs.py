@@ -18,11 +18,12 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+import yaml
 
 from trajeval_ros.commands import demo, evaluate, replay, settings, simulate
 from trajeval_ros.commands.inputs import names_of, with_format
 from trajeval_ros.online.accounting import Reason
-from trajeval_ros.online.parameters import ONE, PARAMETERS, complete
+from trajeval_ros.online.parameters import ONE, PARAMETERS, complete, table
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -161,7 +162,7 @@ NAME = re.compile(r"~/[a-z_/]*[a-z_]")
 
 
 def names_of_the_node() -> list[re.Pattern[str]]:
-    """The node's private names; where one is put together, any word fits the part put in."""
+    """The node's private names; where one is put together, anything fits the part put in."""
     found = {}
     for path in (ROOT / "trajeval_ros" / "node").rglob("*.py"):
         for node in ast.walk(ast.parse(text_of(path))):
@@ -172,7 +173,7 @@ def names_of_the_node() -> list[re.Pattern[str]]:
                 if isinstance(part, ast.Constant | ast.FormattedValue)
             )
             if re.fullmatch(r"~/[a-z_/{}]+", text):
-                found[text] = re.compile(text.replace("{}", "[a-z_]+"))
+                found[text] = re.compile(text.replace("{}", "[a-z_/]*"))
     return list(found.values())
 
 
@@ -214,14 +215,15 @@ def make_targets() -> set[str]:
 
 def check_ros_arguments(words: list[str]) -> None:
     """Parameters and remapped names of a node's command line are known ones."""
-    for option, value in itertools.pairwise(words):
-        if option == "-p":
-            name, _, setting = value.partition(":=")
-            assert name in {*PARAMETERS, "use_sim_time"}, name
-            if name in PARAMETERS:
-                settings.read(None, [f"{name}={setting}"])
-        elif option == "-r":
-            assert value.partition(":=")[0] in {"estimate", "ground_truth", "__node", "__ns"}, value
+    given = [pair for pair in itertools.pairwise(words) if pair[0] in ("-p", "-r")]
+    parameters = dict(value.split(":=", 1) for option, value in given if option == "-p")
+    names = yaml.safe_load(parameters.get("estimates", "[estimate]"))
+    for name, setting in parameters.items():
+        assert name in {*table(names), "use_sim_time"}, name
+        if name != "use_sim_time":
+            settings.read(None, [f"{name}={setting}"], names)
+    remapped = {value.split(":=", 1)[0] for option, value in given if option == "-r"}
+    assert remapped <= {*names, "ground_truth", "__node", "__ns"}
 
 
 def check_ours(words: list[str]) -> None:

@@ -88,3 +88,27 @@ def test_one_wild_stamp_does_not_make_the_others_a_jump() -> None:
     jumps = JumpDetector()
     jumps.stamps(0, seconds(*np.arange(0, 5, 0.1), 1e6, *np.arange(5, 20, 0.1)))
     assert not jumps.stamps_jumped()
+
+
+def test_of_several_estimates_a_silent_one_is_not_waited_for() -> None:
+    run, more = seconds(*np.arange(0, 10, 0.1)), seconds(*np.arange(0, 6, 0.1))
+    jumps = JumpDetector(2)
+    for topic in (0, 1, 2):
+        jumps.stamps(topic, run)
+    jumps.stamps(0, more[:40])
+    jumps.stamps(1, more[:40])
+    # The second may yet go on where it was.
+    assert not jumps.stamps_jumped()
+    jumps.stamps(0, more[40:])
+    assert jumps.stamps_jumped()
+    # One that does go on where it was is heard: time has not jumped.
+    jumps.stamps(2, seconds(10.1))
+    assert not jumps.stamps_jumped()
+
+
+def test_one_of_several_estimates_that_starts_over_is_not_a_jump_of_time() -> None:
+    run = seconds(*np.arange(0, 10, 0.1))
+    jumps = JumpDetector(2)
+    for topic in (0, 1, 2, 2):
+        jumps.stamps(topic, run)
+    assert not jumps.stamps_jumped()

@@ -140,7 +140,7 @@ def test_synchronization_waits_for_whom_it_misses() -> None:
     ],
 )
 def test_clock(clock: ClockState, level: int, words: str) -> None:
-    status = check_clock(clock, HEALTH)
+    status = check_clock(clock, [HEALTH])
     assert status.level == level
     assert words in status.message
 

@@ -196,3 +196,25 @@ def test_a_noise_that_the_arithmetic_cannot_hold_is_refused():
     fixed = {"gp.hyperparameters": "fixed", "gp.translation.signal_std": 100.0}
     with pytest.raises(ParameterError, match=r"gp\.translation\.noise_std must be at least 1e-06"):
         complete({**fixed, "gp.translation.noise_std": 1e-9})
+
+
+OTHER = (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("names", [("estimate",), ("vins",)])
+def test_one_estimate_has_two_names_for_its_extrinsic(names):
+    own = f"{names[0]}.extrinsic"
+    for name in ("extrinsic", own):
+        values = complete({name: OTHER}, names)
+        assert values["extrinsic"] == values[own] == OTHER
+        assert complete(values, names) == values
+    with pytest.raises(ParameterError, match=f"extrinsic and {own} mean the same and differ"):
+        complete({"extrinsic": OTHER, own: (0.2, *OTHER[1:])}, names)
+    with pytest.raises(ParameterError, match="unknown parameter extrinsic"):
+        complete({"extrinsic": OTHER}, ("vins", "orb"))
+
+
+def test_the_names_are_those_that_are_given():
+    assert complete({"estimates": ["vins", "orb"]}, ("vins", "orb"))["estimates"] == ("vins", "orb")
+    with pytest.raises(ParameterError, match=r"estimates is \[a, b\], but the estimates are \[b"):
+        complete({"estimates": ["a", "b"]}, ("b", "a"))

@@ -185,7 +185,7 @@ def assert_same_summary(actual, expected, relative=1e-9):
             # Itself a round-off.
             assert actual[path] < 1e-9
             assert value < 1e-9
-        elif isinstance(value, list):
+        elif isinstance(value, list) and not any(isinstance(entry, str) for entry in value):
             size = np.abs(value).max(initial=0.0)
             np.testing.assert_allclose(
                 actual[path], value, rtol=0, atol=relative * size, err_msg=path

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -21,7 +20,7 @@ from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.overlap import small_share
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.words import sentence
-from trajeval_ros.files.output import FILES, OutputError, OutputFolder
+from trajeval_ros.files.output import FILES, OutputError, OutputFolder, write_summary
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
 from trajeval_ros.online.settings import settings_of
@@ -29,6 +28,7 @@ from trajeval_ros.report import Report, answers
 from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
+from trajeval_ros.runs.several import compared, together
 from trajeval_ros.wall import shield
 
 
@@ -91,7 +91,7 @@ def score(
             none: list[str] = []
             comparisons = shield(
                 "the comparison",
-                lambda: offline.compared(
+                lambda: compared(
                     [one.evaluated for one in found.values()],
                     settings_of(parameters, data.names).evaluation,
                 ),
@@ -101,9 +101,12 @@ def score(
             failures += none
         (summary, *_) = (one.summary for one in found.values())
         if len(runs) > 1:
-            summary = offline.together(found, comparisons)
+            summary = together({name: one.summary for name, one in found.items()}, comparisons)
         if len(runs) > 1 and output:
-            failures += _write_together(Path(output).expanduser(), summary)
+            try:
+                write_summary(Path(output).expanduser(), summary)
+            except OutputError as error:
+                failures += error.lines
     for remark in data.remarks:
         print(f"info: {remark}")
     for number, (name, run) in enumerate(runs.items()):
@@ -185,16 +188,6 @@ def _aligned_at_the_origin(
 def _place(data: Inputs, output: str, name: str) -> str:
     """The folder of an estimate's own, as it was named; empty where nothing is to be written."""
     return str(Path(output) / name) if output and len(data.names) > 1 else output
-
-
-def _write_together(folder: Path, summary: Mapping[str, Any]) -> list[str]:
-    """Write the summary of several estimates; return what went wrong."""
-    try:
-        text = json.dumps(summary, indent=2, allow_nan=False)
-        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        return [f"cannot write {folder / 'summary.json'}: {error.strerror or error}"]
-    return []
 
 
 class _Run:

@@ -55,7 +55,7 @@ def parameter_list() -> str:
         if isinstance(default, bool):
             shown = str(default).lower()
         elif isinstance(default, tuple):
-            shown = ",".join(f"{value:g}" for value in default)
+            shown = ",".join(v if isinstance(v, str) else f"{v:g}" for v in default)
         else:
             shown = f"{default:g}" if isinstance(default, float) else str(default)
         unit = f" {parameter.unit}" if parameter.unit else ""
@@ -85,6 +85,9 @@ def read(
     for assignment in assignments:
         name, value = parse_assignment(assignment, known)
         values[name] = value
+    if values.get("estimates") == list(ONE):
+        # The default, as a file of all parameters has it: the files are given in any case.
+        del values["estimates"]
     try:
         return complete(values, names)
     except ParameterError as error:
@@ -110,7 +113,7 @@ def _parse(text: str, like: Value) -> object:
         return {"true": True, "false": False}.get(text.lower(), text)
     if isinstance(like, tuple):
         entries = text.removeprefix("[").removesuffix("]").replace(",", " ").split()
-        return [_parse(entry, 0.0) for entry in entries]
+        return [_parse(entry, like[0]) for entry in entries]
     for number in (int, float):
         try:
             return number(text)

@@ -96,6 +96,11 @@ class OutputError(Exception):
         """The message, a line for each file."""
         return tuple(self.failures.values()) or (str(self),)
 
+    def below(self, name: str) -> OutputError:
+        """The same, of a folder called ``name`` in another one."""
+        failures = {f"{name}/{file}": line for file, line in self.failures.items()}
+        return OutputError(str(self), failures or {name: str(self)}, self.full)
+
 
 def format_rows(evaluations: Evaluations) -> str:
     """Rows of ``poses.csv`` in full precision: ``float`` reads back what was computed."""
@@ -368,18 +373,9 @@ class OutputFolder:
             raise OutputError("; ".join(failures.values()), failures, full)
 
     def _replace(self, name: str, fill: Callable[[IO[bytes]], None]) -> None:
-        """Fill a temporary file and rename it: a reader sees the old file or the new one."""
-        partial = self.path / f".{name}.{os.getpid()}.partial"
-        try:
-            # Somebody may have removed the folder since.
-            self.path.mkdir(parents=True, exist_ok=True)
-            with partial.open("wb") as file:
-                _lock(file.fileno())
-                fill(file)
-            partial.replace(self.path / name)
-        finally:
-            with contextlib.suppress(OSError):
-                partial.unlink(missing_ok=True)
+        # Somebody may have removed the folder since.
+        self.path.mkdir(parents=True, exist_ok=True)
+        _replace_file(self.path / name, fill)
 
     def _write_rows(self, last: bool, errors: _Errors | None) -> None:
         self._append_waiting()
@@ -464,6 +460,37 @@ class OutputFolder:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def write_summary(folder: Path, summary: Summary) -> None:
+    """Write a ``summary.json`` that has no rows of its own beside it: that of several estimates.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    path = folder / "summary.json"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        _replace_file(path, lambda file: _put(file, text))
+    except OSError as error:
+        line = _refused(path, error)
+        raise OutputError(line, {path.name: line}, error.errno in _FULL) from error
+
+
+def _replace_file(path: Path, fill: Callable[[IO[bytes]], None]) -> None:
+    """Fill a temporary file and rename it: a reader sees the old file or the new one."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        with partial.open("wb") as file:
+            _lock(file.fileno())
+            fill(file)
+        partial.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
 
 
 def _put(file: IO[bytes], text: str) -> None:

@@ -22,13 +22,14 @@ from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_models, put_into
-from trajeval_ros.runs.offline import causes_of_rows, compared, count_left_out, why_none
+from trajeval_ros.runs.offline import causes_of_rows, count_left_out, why_none
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
     is_position_only,
     notices_on_positions,
     without_orientation,
 )
+from trajeval_ros.runs.several import compared
 from trajeval_ros.wall import shield
 
 # Points of the report's running figures.

@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 # How long after a jump messages of the run before may still come, s on the steady clock.
 _STRAGGLING = 2.0
+# An estimate that is silent while the ground truth goes on for this long, ns, is not waited for.
+_SILENCE = 5_000_000_000
 # Back by this much, and it is a jump; below, it is jitter.
 JUMP = 1_000_000_000
 # Stamps alone (no /clock) jump if this many in a row are that far back, on each topic that speaks.
@@ -57,12 +59,19 @@ class _Topic:
     latest: int | None = None
     behind: int = 0
     jumped: bool = False
+    began: int = 0
+
+    @property
+    def went_on(self) -> int:
+        """How far the stamps have gone on since they jumped back, ns."""
+        return self.latest - self.began if self.jumped and self.latest is not None else 0
 
     def take(self, stamp: int) -> None:
         if self.newest is not None and stamp < self.newest - JUMP:
             # In order among themselves, or it is no run that starts over.
             in_order = self.behind == 0 or self.latest is None or stamp >= self.latest - JUMP
             self.behind = self.behind + 1 if in_order else 0
+            self.began = stamp if self.behind <= 1 and not self.jumped else self.began
             self.jumped = self.jumped or self.behind >= _CONFIRMATIONS
         else:
             self.behind = 0
@@ -75,14 +84,15 @@ class JumpDetector:
     """Tells when time starts over: a bag that loops or was seeked.
 
     The ROS clock is the surest sign. Without ``/clock`` only the stamps jump; then many in a row
-    must lie back, in order, and on both topics if both have spoken, since a few stamps out of order
-    are no jump.
+    must lie back, in order, since a few stamps out of order are no jump: on the ground truth and on
+    an estimate, as far as they have spoken, and on every other estimate that has not fallen silent.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, estimates: int = 1) -> None:
         """Start without a clock and without stamps."""
         self._clock: int | None = None
-        self._topics = (_Topic(), _Topic())
+        self._estimates = estimates
+        self.forget_stamps()
 
     def clock(self, now: int | None) -> int | None:
         """Take the ROS time; return how far it jumped back (ns), or None."""
@@ -92,18 +102,34 @@ class JumpDetector:
         return before - now
 
     def stamps(self, topic: int, stamps: npt.NDArray[np.int64]) -> None:
-        """Take stamps that arrived on topic 0 or 1."""
+        """Take stamps that arrived on topic 0, the ground truth, or an estimate's, from 1 on."""
         for stamp in stamps.tolist():
             self._topics[topic].take(stamp)
+        if topic == 0:
+            return
+        # Silent while the ground truth goes on after its jump: it is not waited for.
+        self._heard_at[topic - 1] = self._topics[0].went_on
 
     def stamps_jumped(self) -> bool:
         """Whether the stamps have started over."""
-        spoken = [topic for topic in self._topics if topic.newest is not None]
-        return bool(spoken) and all(topic.jumped for topic in spoken)
+        truth, *estimates = self._topics
+        spoken = [
+            (topic, truth.went_on - heard)
+            for topic, heard in zip(estimates, self._heard_at, strict=True)
+            if topic.newest is not None
+        ]
+        if truth.newest is not None and not truth.jumped:
+            return False
+        if not spoken:
+            return truth.jumped
+        return any(topic.jumped for topic, _ in spoken) and all(
+            topic.jumped or silence > _SILENCE for topic, silence in spoken
+        )
 
     def forget_stamps(self) -> None:
         """A new run has begun."""
-        self._topics = (_Topic(), _Topic())
+        self._topics = [_Topic() for _ in range(1 + self._estimates)]
+        self._heard_at = [0] * self._estimates
 
 
 class LeftOver:
@@ -113,9 +139,9 @@ class LeftOver:
     from there; one that is half the jump ahead of the one before it, or more, was left over.
     """
 
-    def __init__(self, now: int, jumped: int, steady: float) -> None:
+    def __init__(self, now: int, jumped: int, steady: float, topics: int = 2) -> None:
         """The clock jumped back by ``jumped`` (ns) to ``now``; it is ``steady`` (s)."""
-        self._newest = [now, now]
+        self._newest = [now] * topics
         self._ahead = jumped // 2
         self._until = steady + _STRAGGLING
 

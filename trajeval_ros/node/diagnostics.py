@@ -68,6 +68,27 @@ def merge(
     return Status(name, level, message, texts)
 
 
+def joined(statuses: Mapping[str, Status]) -> Status:
+    """Join one status of several estimates, by their names; of one it is as it is.
+
+    What is well is not said beside what is not; what is the same of all is said once.
+    """
+    found = list(statuses.values())
+    if len(found) == 1:
+        return found[0]
+    worst = max(status.level for status in found)
+    texts = {status.message for status in found}
+    said = [(n, s) for n, s in statuses.items() if s.level > Level.OK] or statuses.items()
+    ordered = sorted(said, key=lambda entry: -entry[1].level)
+    message = "; ".join(f"{name}: {status.message}" for name, status in ordered)
+    values = {
+        f"{name}.{key}": value
+        for name, status in statuses.items()
+        for key, value in status.values.items()
+    }
+    return Status(found[0].name, worst, message if len(texts) > 1 else texts.pop(), values)
+
+
 @dataclass(frozen=True, slots=True)
 class Traffic:
     """A topic in the last period: messages a second, and seconds since the last one (or None)."""
@@ -201,8 +222,8 @@ class ClockState:
     left_over: int
 
 
-def check_clock(clock: ClockState, health: Health) -> Status:
-    """Whether the clock runs, and is that of the stamps."""
+def check_clock(clock: ClockState, found: Sequence[Health]) -> Status:
+    """Whether the clock runs, and is that of the stamps; ``found``: of each estimate."""
     findings = []
     values: dict[str, object] = {
         "use_sim_time": str(clock.use_sim_time).lower(),
@@ -212,6 +233,7 @@ def check_clock(clock: ClockState, health: Health) -> Status:
     }
     newest = [
         stamp
+        for health in found
         for stamp in (health.estimate.latest_stamp, health.ground_truth.latest_stamp)
         if stamp is not None
     ]

@@ -6,6 +6,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -16,28 +19,30 @@ from std_srvs.srv import Trigger
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
+from trajeval_ros.node.compared import Compared
 from trajeval_ros.node.discovery import waiting
-from trajeval_ros.node.figures import STATUSES, error_model_entries, flatten, summary_lines
+from trajeval_ros.node.estimate import SHARE, Estimate
+from trajeval_ros.node.figures import summary_lines
 from trajeval_ros.node.inputs import BATCH, KNOWN, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
-from trajeval_ros.node.outputs import Outputs
+from trajeval_ros.node.outputs import Table, flush
 from trajeval_ros.node.schedule import Schedule
 from trajeval_ros.node.visualization import Visualization
+from trajeval_ros.online.parameters import ONE, names_in, table
+from trajeval_ros.online.reference import LEARNED, is_of_ground_truth
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.runs.session import Session
 from trajeval_ros.wall import shield
 
 _BATCH_PERIOD = 0.02
-# The part of the time that batches, or the figures of the window, may take before they become rarer
-# and larger; what a batch costs grows slowly with its size.
-_SHARE = 0.1
+# What a batch costs grows slowly with its size: beyond their share of the time they become rarer
+# and larger.
 _LONGEST_BATCH_PERIOD = 0.1
-_LONGEST_WINDOW_PERIOD = 2.0
-_QUIET = 0.5
 _DISCOVERY_PERIOD = 0.2
 _DIAGNOSTICS_PERIOD = 1.0
 _CAUSES_PERIOD = 5.0
+_COMPARISON_PERIOD = 1.0
 # What is missing is said at once, with what there is instead once the graph is known, and then
 # every so many periods (s).
 _WAITING_PERIOD = 2.0
@@ -53,12 +58,12 @@ _PARTING = 0.5
 _LAST_BATCHES = math.ceil(QUEUE_DEPTH / BATCH) + 1
 _LAST_ARRIVALS = 0.5
 
-# Of ground truth and estimate.
+# Of the ground truth and of each estimate.
 _Arrived = list[PoseSamples | None]
 
 
 class Evaluator(Node):
-    """Scores an estimated trajectory against ground truth while both arrive."""
+    """Scores estimated trajectories against one ground truth while all arrive."""
 
     def __init__(self) -> None:
         """Declare, subscribe, advertise.
@@ -70,28 +75,31 @@ class Evaluator(Node):
         """
         super().__init__("evaluator", automatically_declare_parameters_from_overrides=True)
         values = parameters.declare(self)
-        self._ground_truth, self._estimate = (
+        names = names_in(values)
+        self._ground_truth, *inputs = self._inputs = [
             Input(self, name, str(values[f"{name}.type"]), str(values[f"{name}.reliability"]))
-            for name in ("ground_truth", "estimate")
-        )
-        sources = {
-            "ground truth": self._ground_truth.state.topic,
-            "estimate": self._estimate.state.topic,
-        }
-        self._session = Session(values, sources)
-        parameters.watch(self, self._session.change)
-        self._outputs = Outputs(self)
-        self._visualization = Visualization(self)
+            for name in ("ground_truth", *names)
+        ]
+        topics = (source.state.topic for source in self._inputs)
+        self._session = Session(values, dict(zip(("ground truth", *names), topics, strict=True)))
+        parameters.watch(self, table(names), self._session.change)
+        self._metrics = Table(self, "~/metrics")
+        self._estimates = [
+            Estimate(self, self._session, source, name, self._metrics)
+            for name, source in zip(names, inputs, strict=True)
+        ]
+        several = self._session.is_several
+        self._compared = Compared(self, self._session, self._estimates) if several else None
+        # Of one estimate the topics are those of `estimate`, whatever it is called.
+        self._shown = dict(zip(names, names if several else ONE, strict=True))
+        self._visualization = Visualization(self, tuple(self._shown.values()))
         self._monitor = Monitor(self, self._session)
         self._stamp_clock = StampClock()
-        self._jumps = JumpDetector()
+        self._jumps = JumpDetector(len(names))
         self._sieve: LeftOver | None = None
-        self._latest_evaluated: int | None = None
-        self._causes_said: set[str] = set()
+        self._notices_said: set[str] = set()
         self._defects_said: set[str] = set()
-        self._metrics_due = False
-        self._window: tuple[int, dict[str, str]] | None = None
-        self._next_batch = self._next_window = self._next_fit = 0.0
+        self._next_batch = self._next_fit = 0.0
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -100,6 +108,7 @@ class Evaluator(Node):
                 (_BATCH_PERIOD, self._on_batch),
                 (_DISCOVERY_PERIOD, self._on_discovery),
                 (_CAUSES_PERIOD, self._on_causes),
+                (_COMPARISON_PERIOD, self._on_comparison),
                 (_WAITING_PERIOD, self._on_waiting),
                 (_ERROR_MODEL_PERIOD, self._on_error_model),
                 (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
@@ -120,17 +129,28 @@ class Evaluator(Node):
         The figures are logged as well, in a few lines: the disk may be full.
         """
         self._take_all()
-        self._publish(self._session.finish())
-        self._publish_metrics(refresh=True)
+        self._publish_last()
         shield("the log of the figures", self._log_figures, None, self._say_defect)
         written = self._save(last=True) is not None
-        self._outputs.flush(_PARTING)
+        publishers = [p for each in self._estimates for p in each.outputs.publishers]
+        if self._compared is not None:
+            publishers.insert(0, self._compared.table.publisher)
+        flush([self._metrics.publisher, *publishers], _PARTING)
         self._session.close()
         return written
 
     def _log_figures(self) -> None:
-        for line in summary_lines(self._session.figures()):
-            self.get_logger().info(line)
+        for each in self._estimates:
+            for line in summary_lines(self._session.figures(each.name)):
+                self.get_logger().info(f"{each.title}{line}")
+
+    def _publish_last(self) -> None:
+        """Publish what there is at the end of a run."""
+        self._publish(self._session.finish_all())
+        for each in self._estimates:
+            each.publish_metrics(refresh=True)
+        if self._compared is not None:
+            self._compared.publish(last=True)
 
     def rescue(self) -> None:
         """Write the output folder as it is, because something has gone wrong."""
@@ -146,40 +166,43 @@ class Evaluator(Node):
         self._process()
         took = time.monotonic() - begin
         self._monitor.note_batch(took)
-        self._next_batch = begin + min(took / _SHARE, _LONGEST_BATCH_PERIOD) - _BATCH_PERIOD / 2
-        # The window's figures are caught up with once it is quiet.
-        stale = self._window is None or self._window[0] != self._latest_evaluated
-        if self._metrics_due or (stale and begin >= self._next_window + _QUIET):
-            self._publish_metrics(refresh=begin >= self._next_window)
+        self._next_batch = begin + min(took / SHARE, _LONGEST_BATCH_PERIOD) - _BATCH_PERIOD / 2
+        for each in self._estimates:
+            each.publish_due(begin)
 
     def _on_discovery(self) -> None:
-        for each in (self._ground_truth, self._estimate):
+        for each in self._inputs:
             each.discover()
 
     def _on_diagnostics(self) -> None:
-        self._monitor.publish(
-            self._ground_truth.state, self._estimate.state, self._sim_time, self._ros_now()
-        )
+        states = [each.state for each in self._inputs]
+        self._monitor.publish(states, self._sim_time, self._ros_now())
+
+    def _on_comparison(self) -> None:
+        if self._compared is not None:
+            self._compared.publish()
 
     def _on_error_model(self) -> None:
         """Fit a block or the window; a fit that takes long makes the next one wait."""
         begin = time.monotonic()
         if begin >= self._next_fit and self._session.fit_error_model():
-            self._next_fit = begin + (time.monotonic() - begin) / _SHARE
-            self._metrics_due = True
+            self._next_fit = begin + (time.monotonic() - begin) / SHARE
+            for each in self._estimates:
+                each.is_due = True
 
     def _on_causes(self) -> None:
         self._session.look_for_causes()
-        for cause in self._session.causes:
-            if cause.code not in self._causes_said:
-                self._causes_said.add(cause.code)
-                self.get_logger().warning(cause.sentence)
+        for each in self._estimates:
+            for cause in self._session.causes_of(each.name):
+                if cause.code not in each.causes_said:
+                    each.causes_said.add(cause.code)
+                    self.get_logger().warning(f"{each.title}{cause.sentence}")
         self._log_defects()
 
     def _on_waiting(self) -> None:
-        """Say what is missing, until something has come on both topics."""
+        """Say what is missing, until something has come on every topic."""
         turn, self._waited = self._waited, self._waited + 1
-        inputs = (self._estimate, self._ground_truth)
+        inputs = (*(each.input for each in self._estimates), self._ground_truth)
         silent = {each.state.topic: each.state.publishers for each in inputs if not each.heard}
         if not silent or (turn > 1 and turn % _WAITING_REPEATED):
             return
@@ -189,7 +212,7 @@ class Evaluator(Node):
 
     def _fitting_topics(self) -> dict[str, str]:
         """Topics with poses that other nodes publish, and their types."""
-        ours = {self._ground_truth.state.topic, self._estimate.state.topic}
+        ours = {each.state.topic for each in self._inputs}
         own = self.get_fully_qualified_name() + "/"
         return {
             topic: KNOWN[kind]
@@ -207,7 +230,7 @@ class Evaluator(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._process()
-        self._publish(self._session.finish())
+        self._publish(self._session.finish_all())
         try:
             copy = self._session.archive()
         except OutputError as error:
@@ -248,9 +271,9 @@ class Evaluator(Node):
         """Take what has arrived, evaluate what can be, publish it."""
         now = self._ros_now()
         jumped = self._jumps.clock(now)
-        arrived = [self._take(self._ground_truth, 0), self._take(self._estimate, 1)]
+        arrived = [self._take(source, topic) for topic, source in enumerate(self._inputs)]
         if jumped is not None and now is not None and self._sim_time:
-            self._sieve = LeftOver(now, jumped, time.monotonic())
+            self._sieve = LeftOver(now, jumped, time.monotonic(), len(arrived))
             arrived, before = self._sieved(self._sieve, arrived)
             self._feed(before, now)
             self._start_over(f"/clock jumped back by {jumped / 1e9:.1f} s")
@@ -265,8 +288,8 @@ class Evaluator(Node):
     @staticmethod
     def _sieved(sieve: LeftOver, arrived: _Arrived) -> tuple[_Arrived, _Arrived]:
         """What belongs to the run that has begun, and what is left over from the one before."""
-        new: _Arrived = [None, None]
-        old: _Arrived = [None, None]
+        new: _Arrived = [None] * len(arrived)
+        old: _Arrived = [None] * len(arrived)
         for topic, samples in enumerate(arrived):
             if samples is not None:
                 mask = sieve.split(topic, samples.stamps)
@@ -294,48 +317,31 @@ class Evaluator(Node):
                 return
 
     def _feed(self, arrived: _Arrived, now: int | None) -> None:
-        ground_truth, estimate = arrived
-        self._session.feed(ground_truth, estimate)
+        self._session.feed(*arrived)
         self._stamp_clock.note(self._session.newest_stamps(), now)
-        self._publish(self._session.advance(self._stamp_clock.now(now)))
+        self._publish(self._session.advance_all(self._stamp_clock.now(now)))
 
-    def _publish(self, results: Results) -> None:
-        for notice in results.notices:
-            self._log(notice)
-        if not len(results.evaluations):
-            return
-        body = self._ground_truth.child_frame or self._estimate.child_frame
-        self._outputs.publish(results, self._ground_truth.frame, body)
-        shield(
-            "the path",
-            lambda: self._visualization.add(results, self._ground_truth.frame),
-            None,
-            self._say_defect,
-        )
-        self._latest_evaluated = int(results.evaluations.stamps[-1])
-        self._metrics_due = True
+    def _publish(self, found: Mapping[str, Results]) -> None:
+        for each in self._estimates:
+            results = found[each.name]
+            for notice in results.notices:
+                self._log_once(notice, each.title)
+            if len(results.evaluations):
+                each.publish(results, self._ground_truth)
+                shield("the path", partial(self._show, each.name, results), None, self._say_defect)
 
-    def _publish_metrics(self, *, refresh: bool) -> None:
-        """Publish the running figures, and those of the window, computed anew if ``refresh``."""
-        self._metrics_due = False
-        stamp = self._latest_evaluated
-        if stamp is None or not self._outputs.metrics_wanted:
-            return
-        begin = time.monotonic()
-        if refresh or self._window is None:
-            statuses = flatten(self._session.summary())
-            self._window = (stamp, statuses["window"])
-            cost = time.monotonic() - begin
-            self._next_window = begin + min(cost / _SHARE, _LONGEST_WINDOW_PERIOD)
-        else:
-            statuses = flatten(self._session.figures())
-        computed, window = self._window
-        statuses["window"] = {**window, "age": repr((stamp - computed) / 1e9)}
-        shown = {name: statuses[name] for name in STATUSES}
-        models = self._session.error_models
-        if models:
-            shown["error_model"] = error_model_entries(models)
-        self._outputs.publish_metrics(stamp, shown)
+    def _show(self, name: str, results: Results) -> None:
+        self._visualization.add(self._shown[name], results, self._ground_truth.frame)
+
+    def _log_once(self, notice: Notice, title: str) -> None:
+        """Log a notice; of the ground truth, which every estimate has, once."""
+        if is_of_ground_truth(notice):
+            subject = notice.text if notice.code == LEARNED else notice.code
+            if subject in self._notices_said:
+                return
+            self._notices_said.add(subject)
+            title = ""
+        self._log(replace(notice, text=f"{title}{notice.text}"))
 
     def _log(self, notice: Notice) -> None:
         # rclpy keeps a severity a line of code: one line for each.
@@ -359,8 +365,7 @@ class Evaluator(Node):
 
     def _start_over(self, why: str) -> None:
         """Time has jumped back: end the run, keep its results, begin another."""
-        self._publish(self._session.finish())
-        self._publish_metrics(refresh=True)
+        self._publish_last()
         self._monitor.note_jump()
         kept = ""
         try:
@@ -376,12 +381,13 @@ class Evaluator(Node):
         self._session.reset()
         self._stamp_clock = StampClock()
         self._jumps.forget_stamps()
-        self._latest_evaluated = self._window = None
-        self._causes_said.clear()
-        self._metrics_due = False
+        self._notices_said.clear()
         self._visualization.clear()
-        for each in (self._ground_truth, self._estimate):
+        self._ground_truth.reset()
+        for each in self._estimates:
             each.reset()
+        if self._compared is not None:
+            self._compared.reset()
         self._monitor.reset()
 
     def _save(self, *, last: bool = False) -> str | None:

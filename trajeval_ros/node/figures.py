@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.report import covered
 
 STATUSES = ("relative", "absolute", "window", "conventional", "coverage")
@@ -78,6 +79,18 @@ def _alignment(alignment: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield f"alignment_{name}", repr(float(value))
     if alignment["scale"] is not None:
         yield "alignment_scale", repr(float(alignment["scale"]))
+
+
+def flatten_comparison(comparison: Comparison) -> dict[str, str]:
+    """Return a comparison's values as those of a status; an interval's ends are apart."""
+    found: dict[str, Any] = {}
+    for name, value in comparison.figures().items():
+        if isinstance(value, Mapping) and value.get("interval") is not None:
+            low, high = value["interval"]
+            value = {**value, "interval_low": low, "interval_high": high}
+        if isinstance(value, Mapping):
+            found[name] = value
+    return dict(_entries("", found))
 
 
 def summary_lines(figures: Mapping[str, Any]) -> list[str]:

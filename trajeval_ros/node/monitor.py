@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -23,12 +23,12 @@ from trajeval_ros.node.diagnostics import (
     check_process,
     check_synchronization,
     check_topic,
+    joined,
 )
 from trajeval_ros.node.inputs import InputState
+from trajeval_ros.online.parameters import ONE
 from trajeval_ros.online.results import TopicHealth
 from trajeval_ros.runs.session import Session
-
-_TITLES = ("ground truth", "estimate")
 
 
 class _Count:
@@ -54,7 +54,7 @@ class Monitor:
             DiagnosticArray, "/diagnostics", QoSProfile(depth=10)
         )
         self._prefix = node.get_fully_qualified_name().removeprefix("/")
-        self._topics = (_Count(), _Count())
+        self._topics = [_Count() for _ in ("ground truth", *session.names)]
         self._jumps = 0
         self._left_over = 0
         self._longest_batch = 0.0
@@ -70,7 +70,7 @@ class Monitor:
         return sum(count.messages for count in self._topics)
 
     def note_messages(self, topic: int, number: int) -> None:
-        """Messages have come on topic 0 (ground truth) or 1 (estimate)."""
+        """Messages have come on topic 0, the ground truth, or an estimate's, from 1 on."""
         count = self._topics[topic]
         count.messages += number
         count.last = time.monotonic()
@@ -94,41 +94,64 @@ class Monitor:
             count.rejected_before = {}
             count.frame_changes_before = 0
 
-    def publish(
-        self, truth: InputState, estimate: InputState, sim_time: bool, now: int | None
-    ) -> None:
-        """Publish the node's health of the period since the last call; ``now`` on the ROS clock."""
+    def publish(self, states: Sequence[InputState], sim_time: bool, now: int | None) -> None:
+        """Publish the node's health of the period since the last call.
+
+        ``states``: of the ground truth and of each estimate; ``now`` on the ROS clock.
+        """
         steady, processor = time.monotonic(), time.process_time()
         period = max(steady - self._published, 1e-3)
-        health = self._session.health()
-        settings = self._session.engine.settings
-        (own,), timing = settings.estimates.values(), settings.timing
+        session = self._session
+        found = {name: session.health(name) for name in session.names}
+        first = found[session.names[0]]
+        evaluated = sum(health.estimate.used for health in found.values())
+        timing = session.engine.settings.timing
+        tolerance = timing.max_gap + timing.lag + timing.max_wait
+        of_truth = check_process(first)
         statuses = [
-            self._check_topic(0, truth, health.ground_truth, "used", period, check_process(health)),
-            self._check_topic(1, estimate, health.estimate, "evaluated", period),
-            check_synchronization(
-                health,
-                own.time_offset,
-                timing.max_gap + timing.lag + timing.max_wait,
+            self._check_topic(
+                0, "ground truth", states[0], first.ground_truth, "used", period, of_truth
+            )
+        ]
+        for topic, (name, health) in enumerate(found.items(), 1):
+            # Of one estimate it is that of `estimate`, whatever it is called.
+            title = name if session.is_several else ONE[0]
+            account = health.estimate
+            statuses.append(
+                self._check_topic(topic, title, states[topic], account, "evaluated", period)
+            )
+        offsets = session.engine.settings.estimates
+        statuses += [
+            joined(
+                {
+                    name: check_synchronization(health, offsets[name].time_offset, tolerance)
+                    for name, health in found.items()
+                }
             ),
-            check_clock(self._clock_state(sim_time, now, steady), health),
-            check_consistency(health, self._session.causes),
+            check_clock(self._clock_state(sim_time, now, steady), list(found.values())),
+            joined(
+                {
+                    name: check_consistency(health, session.causes_of(name))
+                    for name, health in found.items()
+                }
+            ),
             check_performance(
                 Load(
                     processor=(processor - self._processor) / period,
                     longest_batch=self._longest_batch,
-                    evaluated_rate=(health.estimate.used - self._evaluated_before) / period,
-                    output_error=self._session.error,
+                    evaluated_rate=(evaluated - self._evaluated_before) / period,
+                    output_error=session.error,
                 )
             ),
         ]
         self._published, self._processor = steady, processor
-        self._longest_batch, self._evaluated_before = 0.0, health.estimate.used
+        self._longest_batch, self._evaluated_before = 0.0, evaluated
         self._send(statuses)
 
     def _check_topic(
         self,
         topic: int,
+        title: str,
         state: InputState,
         health: TopicHealth,
         used: str,
@@ -152,7 +175,7 @@ class Monitor:
         count.frame_changes_before = state.frame_changes
         count.before, count.lost_before = count.messages, state.lost
         count.rejected_before = dict(health.rejected)
-        return check_topic(_TITLES[topic], state, health, traffic, used, further)
+        return check_topic(title, state, health, traffic, used, further)
 
     def _clock_state(self, sim_time: bool, now: int | None, steady: float) -> ClockState:
         if now != self._clock:

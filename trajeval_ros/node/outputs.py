@@ -9,7 +9,8 @@ number. So every field is given a Python float.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -40,35 +41,34 @@ def time_message(stamp: int) -> Time:
 
 
 class Outputs:
-    """The publishers of the figures, the errors and the ground truth's answer."""
+    """The publishers of an estimate's figures, its errors and the ground truth's answer."""
 
-    def __init__(self, node: Node) -> None:
-        """Advertise the topics below the node's own name."""
+    def __init__(self, node: Node, below: str = "") -> None:
+        """Advertise the topics below the node's own name, or ``below`` it, such as ``vins/``."""
 
         def publisher(kind: type, topic: str) -> Publisher:
             return node.create_publisher(kind, topic, _QUALITY)
 
-        self._relative = publisher(Float64, "~/relative/log_likelihood")
-        self._absolute = publisher(Float64, "~/absolute/log_likelihood")
-        self._metrics = publisher(DiagnosticArray, "~/metrics")
+        self._relative = publisher(Float64, f"~/{below}relative/log_likelihood")
+        self._absolute = publisher(Float64, f"~/{below}absolute/log_likelihood")
         # Figures that are looked at most, as numbers that every plot takes: status and key.
-        self._numbers = {
-            ("conventional", "ate_translation_rmse"): publisher(Float64, "~/ate/translation"),
-            ("conventional", "ate_rotation_rmse"): publisher(Float64, "~/ate/rotation"),
-            ("conventional", "re_translation_rmse"): publisher(Float64, "~/re/translation"),
-            ("conventional", "re_rotation_rmse"): publisher(Float64, "~/re/rotation"),
-            ("window", "absolute_noise_equivalent_translation_std"): publisher(
-                Float64, "~/accuracy/translation"
-            ),
-            ("window", "absolute_noise_equivalent_rotation_std"): publisher(
-                Float64, "~/accuracy/rotation"
-            ),
-            ("coverage", "time"): publisher(Float64, "~/coverage/time"),
-            ("coverage", "distance"): publisher(Float64, "~/coverage/distance"),
+        numbers = {
+            ("conventional", "ate_translation_rmse"): f"~/{below}ate/translation",
+            ("conventional", "ate_rotation_rmse"): f"~/{below}ate/rotation",
+            ("conventional", "re_translation_rmse"): f"~/{below}re/translation",
+            ("conventional", "re_rotation_rmse"): f"~/{below}re/rotation",
+            (
+                "window",
+                "absolute_noise_equivalent_translation_std",
+            ): f"~/{below}accuracy/translation",
+            ("window", "absolute_noise_equivalent_rotation_std"): f"~/{below}accuracy/rotation",
+            ("coverage", "time"): f"~/{below}coverage/time",
+            ("coverage", "distance"): f"~/{below}coverage/distance",
         }
-        self._pose = publisher(PoseWithCovarianceStamped, "~/ground_truth/pose")
+        self._numbers = {where: publisher(Float64, topic) for where, topic in numbers.items()}
+        self._pose = publisher(PoseWithCovarianceStamped, f"~/{below}ground_truth/pose")
         self._errors = {
-            (which, part): publisher(Vector3Stamped, f"~/{which}/{part}_error")
+            (which, part): publisher(Vector3Stamped, f"~/{below}{which}/{part}_error")
             for which in ("relative", "absolute")
             for part in ("translation", "rotation")
         }
@@ -118,40 +118,64 @@ class Outputs:
             self._pose.publish(message)
 
     @property
-    def metrics_wanted(self) -> bool:
-        """Whether somebody listens to ``~/metrics``, or to a figure of it as a number."""
-        return any(
-            publisher.get_subscription_count()
-            for publisher in (self._metrics, *self._numbers.values())
-        )
+    def numbers_wanted(self) -> bool:
+        """Whether somebody listens to a figure of ``~/metrics`` as a number."""
+        return any(publisher.get_subscription_count() for publisher in self._numbers.values())
 
-    def publish_metrics(self, stamp: int, statuses: Mapping[str, Mapping[str, str]]) -> None:
-        """Publish the running figures, under the stamp (ns) of the newest evaluated estimate.
-
-        What is known of them as numbers, too.
-        """
+    def publish_numbers(self, statuses: Mapping[str, Mapping[str, str]]) -> None:
+        """Publish what is known of the figures of ``~/metrics`` as numbers."""
         for (status, key), publisher in self._numbers.items():
             if key in statuses[status]:
                 publisher.publish(Float64(data=float(statuses[status][key])))
+
+    @property
+    def publishers(self) -> tuple[Publisher, ...]:
+        """Those whose subscribers are waited for at the end."""
+        return *self._numbers.values(), self._relative, self._absolute, self._pose
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A status of figures: its values, and a sentence where there is one."""
+
+    values: Mapping[str, str]
+    message: str = ""
+
+
+class Table:
+    """A topic of statuses that hold figures: ``~/metrics``, ``~/comparison``."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        """Advertise it."""
+        self.publisher = node.create_publisher(DiagnosticArray, topic, _QUALITY)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody listens."""
+        return bool(self.publisher.get_subscription_count())
+
+    def publish(self, stamp: int, rows: Mapping[str, Row]) -> None:
+        """Publish the figures, under the stamp (ns) of the newest evaluated estimate."""
         message = DiagnosticArray()
         message.header.stamp = time_message(stamp)
         message.status = [
             DiagnosticStatus(
                 level=DiagnosticStatus.OK,
                 name=name,
-                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+                message=row.message,
+                values=[KeyValue(key=key, value=value) for key, value in row.values.items()],
             )
-            for name, values in statuses.items()
+            for name, row in rows.items()
         ]
-        self._metrics.publish(message)
+        self.publisher.publish(message)
 
-    def flush(self, seconds: float) -> None:
-        """Give the subscribers this long to have everything, before the publishers go."""
-        deadline = time.monotonic() + seconds
-        numbers = self._numbers.values()
-        for publisher in (self._metrics, *numbers, self._relative, self._absolute, self._pose):
-            remaining = max(0.0, deadline - time.monotonic())
-            publisher.wait_for_all_acked(Duration(seconds=remaining))
+
+def flush(publishers: Iterable[Publisher], seconds: float) -> None:
+    """Give the subscribers this long to have everything, before the publishers go."""
+    deadline = time.monotonic() + seconds
+    for publisher in publishers:
+        remaining = max(0.0, deadline - time.monotonic())
+        publisher.wait_for_all_acked(Duration(seconds=remaining))
 
 
 def _heard(publisher: Publisher, values: Array) -> list:

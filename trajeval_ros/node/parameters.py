@@ -18,12 +18,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from trajeval_ros.online.parameters import (
-    PARAMETERS,
     Parameter,
     ParameterError,
     Value,
     complete,
     is_of_ros,
+    names_in,
+    table,
 )
 
 _LARGEST_INTEGER = 2**63 - 1
@@ -32,7 +33,6 @@ _TYPES = {
     int: ParameterType.PARAMETER_INTEGER,
     float: ParameterType.PARAMETER_DOUBLE,
     str: ParameterType.PARAMETER_STRING,
-    tuple: ParameterType.PARAMETER_DOUBLE_ARRAY,
 }
 
 Change = Callable[[Mapping[str, object]], None]
@@ -51,27 +51,28 @@ def declare(node: Node) -> dict[str, Value]:
     ParameterError
         For an override that is unknown, of the wrong type or out of range.
     """
-    names = node.list_parameters([], 0).names
-    overrides = {parameter.name: parameter.value for parameter in node.get_parameters(names)}
+    given = node.get_parameters(node.list_parameters([], 0).names)
+    overrides = {parameter.name: parameter.value for parameter in given}
     sim_time = overrides.get("use_sim_time")
     if not isinstance(sim_time, bool):
         raise ParameterError(f"use_sim_time must be a bool, got {sim_time!r}")
     ours = {name: value for name, value in overrides.items() if not is_of_ros(name)}
-    values = complete(ours)
+    names = names_in(ours)
+    values = complete(ours, names)
     for name in ours:
         node.undeclare_parameter(name)
-    for name, parameter in PARAMETERS.items():
+    for name, parameter in table(names).items():
         node.declare_parameter(
             name, ros_value(values[name]), describe(parameter), ignore_override=True
         )
     return values
 
 
-def watch(node: Node, change: Change) -> None:
-    """Let ``change`` answer every attempt to change parameters of ours at run time."""
+def watch(node: Node, known: Mapping[str, Parameter], change: Change) -> None:
+    """Let ``change`` answer every attempt to change one of the ``known`` parameters at run time."""
 
     def convert(parameters: list[RosParameter]) -> list[RosParameter]:
-        return [_as_declared(parameter) for parameter in parameters]
+        return [_as_declared(parameter, known.get(parameter.name)) for parameter in parameters]
 
     def answer(parameters: Iterable[RosParameter]) -> SetParametersResult:
         given = {parameter.name: parameter.value for parameter in parameters}
@@ -79,7 +80,7 @@ def watch(node: Node, change: Change) -> None:
             # rclpy refuses it only after us, when ours would be in effect.
             if not isinstance(given.get("use_sim_time", False), bool):
                 raise ParameterError("use_sim_time must be a bool")
-            change({name: value for name, value in given.items() if name in PARAMETERS})
+            change({name: value for name, value in given.items() if name in known})
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -88,9 +89,8 @@ def watch(node: Node, change: Change) -> None:
     node.add_on_set_parameters_callback(answer)
 
 
-def _as_declared(parameter: RosParameter) -> RosParameter:
+def _as_declared(parameter: RosParameter, known: Parameter | None) -> RosParameter:
     """An integer, where it is set, as the floating point number that is declared."""
-    known = PARAMETERS.get(parameter.name)
     if (
         known is not None
         and isinstance(known.default, float)
@@ -100,16 +100,24 @@ def _as_declared(parameter: RosParameter) -> RosParameter:
     return parameter
 
 
-def ros_value(value: Value) -> bool | int | float | str | list[float]:
+def ros_value(value: Value) -> bool | int | float | str | list[object]:
     """Return the value as rclpy takes it."""
-    return list(value) if isinstance(value, tuple) else value
+    return list[object](value) if isinstance(value, tuple) else value
+
+
+def _type_of(value: Value) -> int:
+    if not isinstance(value, tuple):
+        return _TYPES[type(value)]
+    if isinstance(value[0], str):
+        return ParameterType.PARAMETER_STRING_ARRAY
+    return ParameterType.PARAMETER_DOUBLE_ARRAY
 
 
 def describe(parameter: Parameter) -> ParameterDescriptor:
     """Return the descriptor that ``ros2 param describe`` shows."""
     descriptor = ParameterDescriptor(
         name=parameter.name,
-        type=_TYPES[type(parameter.default)],
+        type=_type_of(parameter.default),
         description=_description(parameter),
         additional_constraints=constraints(parameter),
         read_only=not parameter.dynamic,

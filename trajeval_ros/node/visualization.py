@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import cycle
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +33,13 @@ _DEVIATIONS = 3.0
 _SMALLEST = 1e-6
 _LINE_WIDTH = 0.01
 _UNCERTAINTY = ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.4)
-_ERROR = ColorRGBA(r=1.0, g=0.3, b=0.2, a=0.9)
+# One for each estimate, over and over.
+_ERRORS = (
+    ColorRGBA(r=1.0, g=0.3, b=0.2, a=0.9),
+    ColorRGBA(r=0.2, g=0.8, b=0.3, a=0.9),
+    ColorRGBA(r=0.9, g=0.7, b=0.1, a=0.9),
+    ColorRGBA(r=0.7, g=0.4, b=0.9, a=0.9),
+)
 
 
 class _Lazy:
@@ -54,59 +62,85 @@ class _Lazy:
         self._state = (0, 0)
 
 
-class Visualization:
-    """``~/ground_truth/path``, ``~/estimate/path`` and ``~/markers``."""
+class _Shown:
+    """An estimate's path, in the ground truth's frame."""
 
-    def __init__(self, node: Node) -> None:
-        """Advertise the topics."""
-        self._trail = Trail()
+    def __init__(self, publisher: Publisher) -> None:
+        self.trail = Trail()
+        self.path = _Lazy(publisher)
         self._alignment: Similarity | None = None
-        self._frame = ""
-        self._runs = 0
-        self._paths = {
-            name: _Lazy(node.create_publisher(Path, f"~/{name}/path", _LATCHED))
-            for name in ("ground_truth", "estimate")
-        }
-        self._markers = _Lazy(node.create_publisher(MarkerArray, "~/markers", _LATCHED))
 
-    def add(self, results: Results, frame: str) -> None:
-        """Take in what a batch brought; ``frame`` is the ground truth's."""
-        if len(results.evaluations):
-            self._trail.add(results.evaluations)
-            self._alignment = results.alignment
-            self._frame = frame
+    def add(self, results: Results) -> None:
+        self.trail.add(results.evaluations)
+        self._alignment = results.alignment
 
     def clear(self) -> None:
-        """Start over, and take paths and markers off the screen."""
-        if self._trail.count:
-            for path in self._paths.values():
-                path.clear(Path(header=self._header(0)))
-        self._markers.clear(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
-        self._trail.clear()
+        self.trail.clear()
         self._alignment = None
 
-    def publish_paths(self) -> None:
-        """Publish both paths in the ground truth's frame."""
-        if not self._trail.count:
-            return
-        poses = self._trail.run
-        self._paths["ground_truth"].serve(
-            self._trail.count, lambda: self._path(poses, poses.ground_truth)
-        )
-        self._paths["estimate"].serve(
-            self._trail.count, lambda: self._path(poses, self._aligned(poses))
-        )
-
-    def publish_markers(self) -> None:
-        """Publish ellipsoids of the ground truth's uncertainty and lines to the estimate."""
-        if self._trail.count:
-            self._markers.serve(self._trail.count, self._marker_array)
-
-    def _aligned(self, poses: Poses) -> Array:
+    def aligned(self, poses: Poses) -> Array:
         """The estimate in the ground truth's frame."""
         if self._alignment is None:
             return poses.estimate
         return self._alignment.apply(poses.estimate)
+
+
+class Visualization:
+    """``~/ground_truth/path``, a path for each estimate, and ``~/markers``.
+
+    The ground truth is drawn at the stamps of the estimate that has come farthest.
+    """
+
+    def __init__(self, node: Node, names: Sequence[str]) -> None:
+        """Advertise the topics; ``names``: of the estimates, as their paths' topics have them."""
+
+        def path(name: str) -> Publisher:
+            return node.create_publisher(Path, f"~/{name}/path", _LATCHED)
+
+        self._frame = ""
+        self._truth = _Lazy(path("ground_truth"))
+        self._estimates = {name: _Shown(path(name)) for name in names}
+        self._markers = _Lazy(node.create_publisher(MarkerArray, "~/markers", _LATCHED))
+
+    def add(self, name: str, results: Results, frame: str) -> None:
+        """Take in what a batch brought of an estimate; ``frame`` is the ground truth's."""
+        if len(results.evaluations):
+            self._estimates[name].add(results)
+            self._frame = frame
+
+    def clear(self) -> None:
+        """Start over, and take paths and markers off the screen."""
+        if self._begun:
+            for path in (self._truth, *(one.path for one in self._estimates.values())):
+                path.clear(Path(header=self._header(0)))
+        self._markers.clear(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+        for one in self._estimates.values():
+            one.clear()
+
+    @property
+    def _begun(self) -> list[_Shown]:
+        """Those with poses, the one that has come farthest first."""
+        found = [one for one in self._estimates.values() if one.trail.count]
+        return sorted(found, key=lambda one: -int(one.trail.recent.stamps[-1]))
+
+    def publish_paths(self) -> None:
+        """Publish all paths in the ground truth's frame."""
+        for number, one in enumerate(self._begun):
+            poses = one.trail.run
+            if not number:
+                self._truth.serve(
+                    sum(each.trail.count for each in self._begun),
+                    partial(self._path, poses, poses.ground_truth),
+                )
+            one.path.serve(one.trail.count, partial(self._aligned_path, one, poses))
+
+    def _aligned_path(self, one: _Shown, poses: Poses) -> Path:
+        return self._path(poses, one.aligned(poses))
+
+    def publish_markers(self) -> None:
+        """Publish ellipsoids of the ground truth's uncertainty and lines to the estimates."""
+        if self._begun:
+            self._markers.serve(sum(one.trail.count for one in self._begun), self._marker_array)
 
     def _path(self, poses: Poses, shown: Array) -> Path:
         path = Path(header=self._header(int(poses.stamps[-1])))
@@ -121,14 +155,19 @@ class Visualization:
         return path
 
     def _marker_array(self) -> MarkerArray:
-        poses = self._trail.recent
-        markers = [self._error_lines(poses), *self._ellipsoids(poses)]
-        return MarkerArray(markers=markers)
+        farthest = self._begun[0]
+        markers = [
+            self._error_lines(one, f"{name}: error" if len(self._estimates) > 1 else "error", color)
+            for (name, one), color in zip(self._estimates.items(), cycle(_ERRORS), strict=False)
+            if one.trail.count
+        ]
+        return MarkerArray(markers=[*markers, *self._ellipsoids(farthest.trail.recent)])
 
-    def _error_lines(self, poses: Poses) -> Marker:
-        marker = self._marker(poses, "error", 0, Marker.LINE_LIST, _ERROR)
+    def _error_lines(self, one: _Shown, namespace: str, color: ColorRGBA) -> Marker:
+        poses = one.trail.recent
+        marker = self._marker(poses, namespace, 0, Marker.LINE_LIST, color)
         marker.scale.x = _LINE_WIDTH
-        ends = (poses.ground_truth[:, :3, 3], self._aligned(poses)[:, :3, 3])
+        ends = (poses.ground_truth[:, :3, 3], one.aligned(poses)[:, :3, 3])
         points = np.stack(ends, axis=1).reshape(-1, 3).tolist()
         marker.points = [Point(x=x, y=y, z=z) for x, y, z in points]
         return marker

@@ -59,7 +59,7 @@ class Engine:
 
         What the ground truth has forgotten of its past for this estimate stays forgotten.
         """
-        name = self._only(name)
+        name = self.only(name)
         self._tracks[name] = self._new_track(name, self._tracks[name].begin)
 
     def _new_track(self, name: str, begin: int | None = None) -> Track:
@@ -111,7 +111,7 @@ class Engine:
 
         ``now`` (ns) is the time on the clock of the stamps; without it nothing is given up.
         """
-        name = self._only(None)
+        name = self.only(None)
         return self.advance_all(now)[name]
 
     def advance_all(self, now: int | None = None) -> dict[str, Results]:
@@ -124,7 +124,7 @@ class Engine:
 
     def finish(self) -> Results:
         """No more data will come: evaluate or reject all that is pending of the only estimate."""
-        name = self._only(None)
+        name = self.only(None)
         return self.finish_all()[name]
 
     def finish_all(self) -> dict[str, Results]:
@@ -174,10 +174,13 @@ class Engine:
         return self._track(name).summary()
 
     def _track(self, name: str | None) -> Track:
-        return self._tracks[self._only(name)]
+        return self._tracks[self.only(name)]
 
-    def _only(self, name: str | None) -> str:
-        """The estimate of that name; the only one if none is given."""
+    def only(self, name: str | None) -> str:
+        """Return the name; that of the only estimate if none is given.
+
+        Raises ValueError for one that there is not, and for none where there are several.
+        """
         if name is None:
             if len(self._names) > 1:
                 raise ValueError(f"which of the estimates {', '.join(self._names)} is meant?")

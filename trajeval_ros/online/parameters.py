@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS, LEAST_NOISE
 
-Value = str | bool | int | float | tuple[float, ...]
+Value = str | bool | int | float | tuple[float, ...] | tuple[str, ...]
 
 
 class ParameterError(ValueError):
@@ -49,8 +49,11 @@ class Parameter:
             )
         if isinstance(converted, float | int) and not isinstance(converted, bool):
             self._check_range(float(converted))
-        if isinstance(converted, tuple):
-            self._check_pose(converted)
+        if isinstance(converted, tuple) and isinstance(self.default, tuple):
+            if isinstance(self.default[0], float):
+                self._check_pose(tuple(map(float, converted)))
+            else:
+                check_names(tuple(map(str, converted)))
         return converted
 
     def _convert(self, value: object) -> Value:
@@ -64,12 +67,16 @@ class Parameter:
                 return float(value)  # type: ignore[arg-type]
             case int() if isinstance(value, int) and not isinstance(self.default, bool) and number:
                 return value
-            case tuple() if not isinstance(value, str) and hasattr(value, "__iter__"):
+            case tuple(names) if not isinstance(value, str) and hasattr(value, "__iter__"):
                 entries = list(value)
-                if all(isinstance(v, float | int) and not isinstance(v, bool) for v in entries):
+                if isinstance(names[0], str):
+                    if all(isinstance(entry, str) for entry in entries):
+                        return tuple(entries)
+                elif all(isinstance(v, float | int) and not isinstance(v, bool) for v in entries):
                     return tuple(float(v) for v in entries)
         kinds = {bool: "a bool", str: "a string", float: "a number", int: "an integer"}
-        kind = kinds.get(type(self.default), "a list of numbers")
+        words = isinstance(self.default, tuple) and isinstance(self.default[0], str)
+        kind = kinds.get(type(self.default), f"a list of {'strings' if words else 'numbers'}")
         raise ParameterError(f"{self.name} must be {kind}, got {value!r}")
 
     def _check_range(self, value: float) -> None:
@@ -89,6 +96,8 @@ class Parameter:
         if abs(norm - 1.0) > 1e-2:
             raise ParameterError(f"{self.name} has a quaternion of norm {norm:.6g}, expected 1")
 
+
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 MESSAGE_TYPES = ("PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped")
 
@@ -162,6 +171,11 @@ def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, .
 
 
 _TABLE = (
+    Parameter(
+        "estimates",
+        ("estimate",),
+        "The estimates: each name is an input topic, and has the parameters that estimate has here",
+    ),
     *_topic("estimate", "estimate"),
     *_topic("ground_truth", "ground truth"),
     Parameter(
@@ -190,9 +204,15 @@ _TABLE = (
         upper=9e9,
     ),
     Parameter(
-        "extrinsic",
-        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+        "estimate.extrinsic",
+        IDENTITY,
         "The estimate's body frame in the ground truth's body frame, x y z qx qy qz qw",
+        "m",
+    ),
+    Parameter(
+        "extrinsic",
+        IDENTITY,
+        "The same as estimate.extrinsic, where there is one estimate",
         "m",
     ),
     Parameter(
@@ -298,6 +318,8 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType({p.name: p for p in _TABL
 
 ONE = ("estimate",)
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
+# Those of earlier runs in the output folder.
+_RUN = re.compile(r"run_[0-9]+")
 # What a parameter, a status or an output topic begins with already.
 _TAKEN = {
     *("ground_truth", "comparison", "metrics", "markers", "reset", "save"),
@@ -308,7 +330,12 @@ _TAKEN = {
 
 def is_taken(name: str) -> bool:
     """Whether a name means something else than an estimate."""
-    return name in _TAKEN
+    return name in _TAKEN or _RUN.fullmatch(name) is not None
+
+
+def is_name(name: str) -> bool:
+    """Whether an estimate can be called so."""
+    return _NAME.fullmatch(name) is not None and not is_taken(name)
 
 
 def check_names(names: Sequence[str]) -> tuple[str, ...]:
@@ -320,7 +347,7 @@ def check_names(names: Sequence[str]) -> tuple[str, ...]:
         For none, one that comes twice, is not snake_case, or means something else already.
     """
     if not names:
-        raise ParameterError("estimates must name at least one estimate")
+        raise ParameterError("estimates must be at least one name")
     for name in names:
         if not _NAME.fullmatch(name):
             raise ParameterError(f"estimates must be named in snake_case, got {name!r}")
@@ -331,22 +358,30 @@ def check_names(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
+def names_in(values: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the names of the estimates that ``estimates`` among the ``values`` says.
+
+    Raises :class:`ParameterError` as :func:`check_names` does.
+    """
+    parameter = PARAMETERS["estimates"]
+    names = parameter.validate(values.get("estimates", parameter.default))
+    assert isinstance(names, tuple)
+    return tuple(map(str, names))
+
+
 def table(names: Sequence[str] = ONE) -> Mapping[str, Parameter]:
     """Return the parameters of a run with these estimates, by name.
 
-    Those of ``estimate`` are there for each name; ``extrinsic``, which is one for all, is
-    ``<name>.extrinsic`` where there is another name than ``estimate``.
+    Those of ``estimate`` are there for each name; ``extrinsic`` only where there is one estimate.
     """
     if tuple(names) == ONE:
         return PARAMETERS
     found: dict[str, Parameter] = {}
     for parameter in _TABLE:
-        if parameter.name == "extrinsic":
-            found |= {p.name: p for p in (replace(parameter, name=f"{n}.extrinsic") for n in names)}
-        elif parameter.name.startswith("estimate."):
+        if parameter.name.startswith("estimate."):
             rest = parameter.name.removeprefix("estimate.")
             found |= {p.name: p for p in (replace(parameter, name=f"{n}.{rest}") for n in names)}
-        else:
+        elif parameter.name != "extrinsic" or len(names) == 1:
             found[parameter.name] = parameter
     return found
 
@@ -363,13 +398,11 @@ def is_of_ros(name: str) -> bool:
 
 def of_estimate(values: Mapping[str, Value], name: str) -> dict[str, Value]:
     """Return the values for one of several estimates, under the names of a run with one."""
-    if name == ONE[0] and "extrinsic" in values:
-        return dict(values)
     found = dict(values)
     for known in PARAMETERS:
         if known.startswith("estimate."):
             found[known] = values[f"{name}.{known.removeprefix('estimate.')}"]
-    return {**found, "extrinsic": values[f"{name}.extrinsic"]}
+    return {**found, "estimates": ONE, "extrinsic": found["estimate.extrinsic"]}
 
 
 def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[str, Value]:
@@ -385,11 +418,19 @@ def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[s
     parameters = table(check_names(names))
     unknown = sorted(set(values) - set(parameters))
     if unknown:
-        raise ParameterError(f"unknown parameter {unknown[0]}")
+        why = "" if unknown[0] not in PARAMETERS else _each_its_own(unknown[0], names)
+        raise ParameterError(f"unknown parameter {unknown[0]}{why}")
     merged = {
         name: parameter.validate(values[name]) if name in values else parameter.default
         for name, parameter in parameters.items()
     }
+    if "estimates" in values and merged["estimates"] != tuple(names):
+        raise ParameterError(
+            f"estimates is {_listed(merged['estimates'])}, but the estimates are {_listed(names)}"
+        )
+    merged["estimates"] = tuple(names)
+    if "extrinsic" in merged:
+        _agree(merged, "extrinsic", f"{names[0]}.extrinsic")
     if merged["segment.min_samples"] > merged["segment.max_samples"]:  # type: ignore[operator]
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")
     delta = merged["relative.delta"]
@@ -405,3 +446,22 @@ def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[s
                         f"gp.{group}.{part}_std, got {noise!r} and {signal!r}"
                     )
     return merged
+
+
+def _agree(values: dict[str, Value], *pair: str) -> None:
+    """Give two names of one parameter the value that is not the default, if either has one."""
+    given = {values[name] for name in pair} - {IDENTITY}
+    if len(given) > 1:
+        raise ParameterError(f"{' and '.join(pair)} mean the same and differ: set one of them")
+    if given:
+        (value,) = given
+        values |= dict.fromkeys(pair, value)
+
+
+def _each_its_own(parameter: str, names: Sequence[str]) -> str:
+    rest = parameter.removeprefix("estimate.")
+    return f": the estimates are {', '.join(names)}, so set {names[0]}.{rest} and so on"
+
+
+def _listed(names: object) -> str:
+    return f"[{', '.join(names)}]" if isinstance(names, tuple | list) else repr(names)

@@ -25,6 +25,7 @@ from trajeval_ros.online.settings import GroundTruthSettings
 Stamps = npt.NDArray[np.int64]
 
 LEARNED = "hyperparameters_learned"
+_OF_GROUND_TRUTH = "ground_truth_"
 
 
 class Reference:
@@ -98,7 +99,7 @@ class Reference:
         return tuple(
             Notice(
                 "warning",
-                f"ground_truth_{fault.code}",
+                f"{_OF_GROUND_TRUTH}{fault.code}",
                 f"ground truth: {fault.text} ({_when(fault)})",
             )
             for fault in self.faults.found
@@ -115,6 +116,11 @@ def _when(fault: Fault) -> str:
     """The stamps of a fault, as its topic or file has them."""
     begin, end = f"{fault.begin * 1e-9:.3f} s", f"{fault.end * 1e-9:.3f} s"
     return f"at {begin}" if begin == end else f"{begin} to {end}"
+
+
+def is_of_ground_truth(notice: Notice) -> bool:
+    """Whether a notice is the same for every estimate."""
+    return notice.code == LEARNED or notice.code.startswith(_OF_GROUND_TRUTH)
 
 
 def _described(hyperparameters: Hyperparameters) -> str:

@@ -117,9 +117,7 @@ def settings_of(values: Mapping[str, Value], names: Sequence[str] = ONE) -> Sett
             name: EstimateSettings(
                 use_covariance=read.flag(f"{name}.use_covariance"),
                 time_offset=read.nanoseconds(f"{name}.time_offset"),
-                extrinsic=read.numbers(
-                    "extrinsic" if "extrinsic" in values else f"{name}.extrinsic"
-                ),
+                extrinsic=read.numbers(f"{name}.extrinsic"),
             )
             for name in names
         },
@@ -176,7 +174,7 @@ class _Reader:
         value = self._values[name]
         if not isinstance(value, tuple):
             raise TypeError(f"{name} is not a list of numbers")
-        return value
+        return tuple(map(float, value))
 
     def nanoseconds(self, name: str) -> int:
         return round(self.number(name) * 1e9)

@@ -459,13 +459,17 @@ def parameters(run: Run) -> list[tuple[str, str, str, bool]]:
     for name, parameter in PARAMETERS.items():
         value = run.parameters.get(name, parameter.default)
         if isinstance(value, list | tuple):
-            shown, value = ", ".join(f"{entry:g}" for entry in value), tuple(value)
+            shown, value = ", ".join(_shown(entry) for entry in value), tuple(value)
         else:
             shown = str(value).lower() if isinstance(value, bool) else str(value)
         same = value == parameter.default
         unit = f" ({parameter.unit})" if parameter.unit else ""
         rows.append((name, shown or '""', f"{parameter.description}{unit}", not same))
     return rows
+
+
+def _shown(entry: float | str) -> str:
+    return entry if isinstance(entry, str) else f"{entry:g}"
 
 
 def when(run: Run) -> str:

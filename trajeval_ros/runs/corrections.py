@@ -40,8 +40,8 @@ def corrected(
             for pose in (settings.extrinsic, model["extrinsic"]["pose"])
         )
         position, quaternion = se3.to_position_quaternion(found @ known)
-        own = "extrinsic" if "extrinsic" in values else f"{name}.extrinsic"
-        changed[own] = (*position.tolist(), *quaternion.tolist())
+        for own in {"extrinsic", f"{name}.extrinsic"} & set(values):
+            changed[own] = (*position.tolist(), *quaternion.tolist())
     if "scale" in what:
         estimate = replace(estimate, positions=estimate.positions * model["scale"]["value"])
     return estimate, changed

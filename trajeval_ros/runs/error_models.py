@@ -33,6 +33,11 @@ class LiveErrorModels:
         self._current = True
         self._figures: dict[str, Figures] = {}
 
+    @property
+    def duration(self) -> int:
+        """Length of the window, ns."""
+        return self._running.duration
+
     def change(self, window: int) -> None:
         """Go on with another window, ns."""
         if window != self._running.duration:

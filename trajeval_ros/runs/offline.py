@@ -5,16 +5,15 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
+from trajeval_ros.comparison.compare import Evaluated
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.lost import lost
 from trajeval_ros.files.output import OutputError, OutputFolder
@@ -185,31 +184,6 @@ def causes_of_rows(truth: Trajectory, estimate: Trajectory, offset: int) -> tupl
         none,
         lambda line: None,
     )
-
-
-def compared(
-    evaluated: Iterable[Evaluated], settings: EvaluationSettings
-) -> tuple[Comparison, ...]:
-    """Return the comparison of each pair of estimates, of the poses that both have."""
-    pairs = itertools.combinations(evaluated, 2)
-    gauge, delta, unit = settings.gauge.name, settings.relative_delta, settings.relative_unit
-    return tuple(compare(a, b, gauge, delta, unit) for a, b in pairs)
-
-
-def together(scored: Mapping[str, Scored], comparisons: Sequence[Comparison]) -> Figures:
-    """Return the summary of several estimates against one ground truth.
-
-    Each is as it is alone, but for the ground truth, which stands beside them.
-    """
-    first = next(iter(scored.values()))
-    return {
-        "ground_truth": first.summary["ground_truth"],
-        "estimates": {
-            name: {key: value for key, value in one.summary.items() if key != "ground_truth"}
-            for name, one in scored.items()
-        },
-        "comparison": [comparison.figures() for comparison in comparisons],
-    }
 
 
 def _places(health: Health, truth: Trajectory, estimate: Trajectory) -> tuple[str, ...]:

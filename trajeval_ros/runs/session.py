@@ -5,134 +5,199 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from trajeval_ros.comparison.compare import Comparison
+from trajeval_ros.comparison.ratio import Method
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.files.output import FILES, OutputError, OutputFolder
+from trajeval_ros.files.output import FILES, OutputError, OutputFolder, write_summary
 from trajeval_ros.online.engine import Engine
-from trajeval_ros.online.parameters import PARAMETERS, ParameterError, Value
-from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
+from trajeval_ros.online.parameters import (
+    ParameterError,
+    Value,
+    is_name,
+    names_in,
+    of_estimate,
+    table,
+)
+from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
-from trajeval_ros.report import Report
-from trajeval_ros.runs.error_models import LiveErrorModels, put_into
 from trajeval_ros.runs.origin import origin
+from trajeval_ros.runs.record import Record
+from trajeval_ros.runs.several import NewestPoses, alike_long, compared, together
 from trajeval_ros.wall import shield
+
+_SUMMARY = "summary.json"
 
 UNDECODABLE = "undecodable"
 """Why a message is rejected that the engine never sees."""
 
 
 class Session:
-    """The engine with its records; starts over as often as it must.
+    """The engine with a record of each estimate; starts over as often as it must.
+
+    The name of an estimate may be left out where there is one. With several, each has a folder of
+    its name in ``output.directory``, and the summary of all lies beside them.
 
     A folder that cannot be written does not end the evaluation: ``error`` says what is wrong until
     a later attempt succeeds.
     """
 
     def __init__(self, values: Mapping[str, Value], sources: Mapping[str, str]) -> None:
-        """Start with the parameters' ``values``; ``sources`` name the topics in the report."""
-        self.engine = Engine(values)
-        self.error: str | None = None
-        self._report = Report(values, sources)
-        self._topics = tuple({"topic": sources[name]} for name in ("ground truth", "estimate"))
+        """Start with the parameters' ``values``.
+
+        ``sources`` name the topics in the report: ``ground truth``, and the names of the estimates.
+        """
+        self.names = names_in(values)
+        self._known = table(self.names)
+        self.engine = Engine(values, self.names)
         self._directory = str(values["output.directory"])
-        self._folder: OutputFolder | None = None
-        self._unwritten = 0  # poses evaluated while there was no folder for them
+        self._topics = {name: {"topic": topic} for name, topic in sources.items()}
+        self._records = {
+            name: Record(
+                of_estimate(values, name),
+                {"ground truth": sources["ground truth"], "estimate": sources[name]},
+                self._place(self._directory, name),
+                self.engine.settings.evaluation.window,
+            )
+            for name in self.names
+        }
+        # For the comparison, of which there is none with one estimate.
+        self._newest = [
+            NewestPoses(name, self.engine.settings.estimates[name].time_offset)
+            for name in self.names
+            if self.is_several
+        ]
+        self._next_fit = 0  # whose error model comes first, by its number
+        self._error: str | None = None  # of the summary of all
         # Whether what is in the folder is of the run that goes on, and may be written anew.
         self._is_ours = False
-        self._causes: tuple[Cause, ...] = ()
-        self._examined = 0
-        self._models = LiveErrorModels(self.engine.settings.evaluation.window)
-        # Of ground truth and estimate.
-        self._undecodable = [0, 0]
-        if self._directory:
-            self._try_open()
+        self._undecodable = 0  # of the ground truth
 
-    def _try_open(self) -> OutputFolder | None:
-        try:
-            self._folder = OutputFolder(self._directory)
-            self._folder.lack(self._unwritten, self.error or "")
-            self.error = None
-        except OutputError as error:
-            self.error = str(error)
-        return self._folder
+    @property
+    def is_several(self) -> bool:
+        """Whether there is more than one estimate."""
+        return len(self.names) > 1
 
-    def feed(self, ground_truth: PoseSamples | None, estimate: PoseSamples | None) -> None:
-        """Hand over what has arrived."""
+    def _place(self, directory: str, name: str) -> str:
+        """The folder of an estimate's own; empty where nothing is to be written."""
+        return str(Path(directory) / name) if directory and self.is_several else directory
+
+    def _record(self, name: str | None) -> Record:
+        return self._records[self.engine.only(name)]
+
+    @property
+    def error(self) -> str | None:
+        """What is wrong with the output folder."""
+        errors = [record.error for record in self._records.values()]
+        return next((error for error in (*errors, self._error) if error is not None), None)
+
+    def feed(self, ground_truth: PoseSamples | None, *estimates: PoseSamples | None) -> None:
+        """Hand over what has arrived, of the estimates in the order of their names."""
         if ground_truth is not None and len(ground_truth):
             self.engine.add_ground_truth(ground_truth)
-            self._report.add_received(ground_truth=ground_truth.stamps)
-        if estimate is not None and len(estimate):
-            self.engine.add_estimate(estimate)
-            self._report.add_received(estimate=estimate.stamps)
+            for record in self._records.values():
+                record.report.add_received(ground_truth=ground_truth.stamps)
+        for (name, record), samples in zip(self._records.items(), estimates, strict=True):
+            if samples is not None and len(samples):
+                self.engine.add_estimate(samples, name)
+                record.report.add_received(estimate=samples.stamps)
 
     def note_undecodable(self, topic: int, number: int) -> None:
-        """Messages that cannot be read came on topic 0 (ground truth) or 1 (estimate)."""
-        self._undecodable[topic] += number
+        """Messages came that cannot be read: on topic 0, the ground truth, or an estimate's."""
+        if topic == 0:
+            self._undecodable += number
+        else:
+            self._records[self.names[topic - 1]].undecodable += number
 
     def newest_stamps(self) -> list[int]:
         """The newest stamps let in (ns), one a topic, on the ground truth's clock."""
-        health = self.engine.health()
-        (settings,) = self.engine.settings.estimates.values()
-        truth, estimate = health.ground_truth.latest_stamp, health.estimate.latest_stamp
-        shifted = None if estimate is None else estimate + settings.time_offset
-        return [stamp for stamp in (truth, shifted) if stamp is not None]
+        newest = [self.engine.health(self.names[0]).ground_truth.latest_stamp]
+        for name, settings in self.engine.settings.estimates.items():
+            stamp = self.engine.health(name).estimate.latest_stamp
+            newest.append(None if stamp is None else stamp + settings.time_offset)
+        return [stamp for stamp in newest if stamp is not None]
 
-    def health(self) -> Health:
+    def health(self, name: str | None = None) -> Health:
         """The engine's health, with the messages in it that could not be read."""
-        health = self.engine.health()
-        truth, estimate = self._undecodable
+        health = self.engine.health(name)
         return replace(
             health,
-            ground_truth=_with_undecodable(health.ground_truth, truth),
-            estimate=_with_undecodable(health.estimate, estimate),
+            ground_truth=_with_undecodable(health.ground_truth, self._undecodable),
+            estimate=_with_undecodable(health.estimate, self._record(name).undecodable),
         )
 
     @property
     def causes(self) -> tuple[Cause, ...]:
+        """What is likely wrong with the data of the only estimate; `causes_of` is for several."""
+        return self.causes_of()
+
+    def causes_of(self, name: str | None = None) -> tuple[Cause, ...]:
         """What is likely wrong with the data, as far as `look_for_causes` has seen."""
-        return self._causes
+        return self._record(name).causes
 
     @property
     def defects(self) -> tuple[str, ...]:
         """What of causes, report and pictures has failed, a line each."""
-        return self._report.defects
+        found = (line for record in self._records.values() for line in record.report.defects)
+        return tuple(dict.fromkeys(found))
 
-    def look_for_causes(self) -> None:
-        """Look at the run so far, if it has gone on since: 40 ms at the most, however long."""
-        evaluated = self.engine.health().estimate.used
-        if evaluated != self._examined:
-            self._causes, self._examined = self._report.causes(), evaluated
+    def look_for_causes(self, *, again: bool = False) -> None:
+        """Look at each run so far, if it has gone on since: 40 ms at the most, however long.
+
+        ``again``: also where it has not.
+        """
+        for name, record in self._records.items():
+            record.look_for_causes(self.engine.health(name).estimate.used, again=again)
 
     def fit_error_model(self) -> bool:
-        """Fit a block of the run or the window, if one has changed; it takes a part of a second."""
-        defects = self._report.say
-        fitted = shield("the error model", self._models.fit_one, False, defects)
-        models = self.error_models
-        self._report.model = models.get("run", models.get("window"))
-        return fitted
+        """Fit a block of a run or a window, if one has changed; it takes a part of a second."""
+        for name in self.names[self._next_fit :] + self.names[: self._next_fit]:
+            if self._records[name].fit_error_model():
+                # The others come first the next time.
+                self._next_fit = (self.names.index(name) + 1) % len(self.names)
+                return True
+        return False
 
     @property
     def error_models(self) -> dict[str, dict[str, Any]]:
+        """The error models of the only estimate; `error_models_of` is for several."""
+        return self.error_models_of()
+
+    def error_models_of(self, name: str | None = None) -> dict[str, dict[str, Any]]:
         """The error models of the ``run`` and of the ``window``, as far as they are fitted."""
-        lack: dict[str, dict[str, Any]] = {}
-        return shield("the error model", lambda: self._models.figures, lack, self._report.say)
+        return self._record(name).error_models
 
-    def figures(self) -> dict[str, object]:
+    def comparisons(self, method: Method | None = None) -> tuple[Comparison, ...]:
+        """Compare each pair of estimates, on the newest poses that are kept of each.
+
+        ``method``: where the intervals come from; the best that is installed where None.
+        """
+        settings = self.engine.settings.evaluation
+        return shield(
+            "the comparison",
+            lambda: compared(alike_long(self._newest), settings, method),
+            (),
+            self._records[self.names[0]].report.say,
+        )
+
+    def figures(self, name: str | None = None) -> dict[str, object]:
         """The engine's figures, with the messages in them that could not be read."""
-        return self._accounted(self.engine.figures())
+        return self._accounted(self.engine.figures(name), name)
 
-    def summary(self) -> dict[str, object]:
+    def summary(self, name: str | None = None) -> dict[str, object]:
         """The engine's summary, with the messages in it that could not be read."""
-        return self._accounted(self.engine.summary())
+        return self._accounted(self.engine.summary(name), name)
 
-    def _accounted(self, figures: dict[str, Any]) -> dict[str, object]:
-        for topic, count in zip(("ground_truth", "estimate"), self._undecodable, strict=True):
+    def _accounted(self, figures: dict[str, Any], name: str | None) -> dict[str, object]:
+        unread = {"ground_truth": self._undecodable, "estimate": self._record(name).undecodable}
+        for topic, count in unread.items():
             if count:
                 account = figures[topic]
                 account["received"] += count
@@ -140,37 +205,30 @@ class Session:
         return figures
 
     def advance(self, now: int | None) -> Results:
-        """Evaluate what can be; ``now`` (ns) on the stamps' clock."""
-        return self._record(self.engine.advance(now))
+        """Evaluate what can be of the only estimate; ``now`` (ns) on the stamps' clock."""
+        name = self.engine.only(None)
+        return self.advance_all(now)[name]
+
+    def advance_all(self, now: int | None) -> dict[str, Results]:
+        """Evaluate what can be of every estimate; ``now`` (ns) on the stamps' clock."""
+        return self._recorded(self.engine.advance_all(now))
 
     def finish(self) -> Results:
-        """Decide all that is pending: no more data will come."""
-        return self._record(self.engine.finish())
+        """No more data will come: decide all that is pending of the only estimate."""
+        name = self.engine.only(None)
+        return self.finish_all()[name]
 
-    def _record(self, results: Results) -> Results:
-        if len(results.evaluations):
-            self._report.add(results)
-            self._add_to_models(results.evaluations)
-        folder = self._folder
-        if self._directory and folder is None and len(results.evaluations):
-            folder = self._try_open()
-        if folder is None:
-            self._unwritten += len(results.evaluations)
-            return results
-        try:
-            folder.add(results.evaluations)
-        except OutputError as error:
-            self.error = str(error)
-        return results
+    def finish_all(self) -> dict[str, Results]:
+        """No more data will come: decide all that is pending."""
+        return self._recorded(self.engine.finish_all())
 
-    def _add_to_models(self, evaluations: Evaluations) -> None:
-        (settings,) = self.engine.settings.estimates.values()
-        shield(
-            "the error model",
-            lambda: self._models.add(evaluations, settings.time_offset),
-            None,
-            self._report.say,
-        )
+    def _recorded(self, found: dict[str, Results]) -> dict[str, Results]:
+        for name, results in found.items():
+            offset = self.engine.settings.estimates[name].time_offset
+            self._records[name].add(results, offset)
+        for newest, results in zip(self._newest, found.values(), strict=False):
+            newest.add(results.evaluations)
+        return found
 
     def save(self, *, last: bool = False) -> Path | None:
         """Write the output folder and return it; None where there is nothing to write.
@@ -186,35 +244,55 @@ class Session:
         """
         if not self._directory:
             return None
-        folder = self._folder or self._try_open()
-        if folder is None:
-            assert self.error is not None
-            raise OutputError(self.error)
-        if not self._is_ours and (folder.path / FILES[0]).exists():
+        folder = Path(self._directory).expanduser().absolute()
+        if not self._is_ours and any((folder / name).exists() for name in self._summaries()):
             if self.is_empty and last:
                 return None
-            self._keep_earlier(folder.path)
+            self._keep_earlier(folder)
         self._is_ours = True
         while self.fit_error_model():
             pass
-        self._examined = 0
-        self.look_for_causes()
-        causes = [asdict(cause) for cause in self._causes]
-        self._report.notices = self.engine.notices()
-        self._report.way = self.engine.way()
-        summary = {
-            **origin(self.engine.parameters, *self._topics),
-            **self.summary(),
-            "likely_causes": causes,
-        }
-        put_into(summary, self.error_models)
-        try:
-            folder.write(summary, self._report.render, last=last)
-        except OutputError as error:
-            self.error = str(error)
-            raise
-        self.error = None
-        return folder.path
+        self.look_for_causes(again=True)
+        summaries = {name: self._completed(name) for name in self.names}
+        failures: list[OutputError] = []
+        for name, record in self._records.items():
+            record.report.notices = self.engine.notices(name)
+            record.report.way = self.engine.way()
+            try:
+                record.save(summaries[name], last=last)
+            except OutputError as error:
+                if not self.is_several:
+                    raise
+                failures.append(error.below(name))
+        if self.is_several:
+            self._error = None
+            try:
+                write_summary(folder, together(summaries, self.comparisons()))
+            except OutputError as error:
+                self._error = str(error)
+                failures.append(error)
+        if failures:
+            lines = {file: line for each in failures for file, line in each.failures.items()}
+            text = "; ".join(map(str, failures))
+            raise OutputError(text, lines, all(each.full for each in failures))
+        return folder
+
+    def _completed(self, name: str) -> dict[str, object]:
+        """An estimate's summary as it is written."""
+        record = self._records[name]
+        topics = self._topics["ground truth"], self._topics[name]
+        summary = {**origin(record.report.parameters, *topics), **self.summary(name)}
+        return record.completed(summary)
+
+    def _files(self) -> list[str]:
+        """What is in the output folder."""
+        if not self.is_several:
+            return list(FILES)
+        return [*(f"{name}/{file}" for name in self.names for file in FILES), _SUMMARY]
+
+    def _summaries(self) -> list[str]:
+        """Those of the files that tell of results."""
+        return [file for file in self._files() if Path(file).name == _SUMMARY]
 
     def archive(self) -> Path | None:
         """Write the output folder and keep a copy, which the next run does not overwrite.
@@ -229,33 +307,37 @@ class Session:
         try:
             saved = self.save()
         except OutputError as error:
-            if self._folder is None:
+            if all(record.path is None for record in self._records.values()):
                 raise
-            saved, failures = self._folder.path, error.failures
+            saved, failures = Path(self._directory).expanduser().absolute(), error.failures
         if saved is None:
             return None
         copy = _free(saved)
         try:
-            _keep_files(saved, copy, [name for name in FILES if name not in failures])
+            _keep_files(saved, copy, [name for name in self._files() if name not in failures])
         except OSError as error:
             failures[copy.name] = f"cannot write {copy}: {error.strerror or error}"
         if failures:
-            self.error = "; ".join(failures.values())
-            raise OutputError(self.error, failures)
+            self._error = "; ".join(failures.values())
+            raise OutputError(self._error, failures)
         return copy
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing has been evaluated since the start, or the last one."""
-        return not self.engine.health().estimate.used
+        return not any(self.engine.health(name).estimate.used for name in self.names)
 
     def _keep_earlier(self, folder: Path) -> None:
         """Keep what another run has written: an earlier one, or one of an earlier process."""
         copy = _free(folder)
-        if any(_same_file(folder / FILES[0], kept / FILES[0]) for kept in folder.glob("run_*")):
+        if any(_same_file(folder / _SUMMARY, kept / _SUMMARY) for kept in folder.glob("run_*")):
             return
+        earlier = dict.fromkeys((*FILES, *_files_of_several(folder), *self._files()))
         try:
-            _keep_files(folder, copy, FILES)
+            _keep_files(folder, copy, earlier)
+            # What no file of this run takes the place of.
+            for name in set(earlier) - set(self._files()):
+                (folder / name).unlink(missing_ok=True)
         except OSError as error:
             text = f"cannot write {copy}: {error.strerror or error}"
             raise OutputError(text) from error
@@ -264,16 +346,11 @@ class Session:
         """Start over; files that are written stay until the next time they are."""
         self._is_ours = False
         self.engine.reset()
-        self._unwritten = 0
-        self._undecodable = [0, 0]
-        self._causes, self._examined = (), 0
-        self._models = LiveErrorModels(self.engine.settings.evaluation.window)
-        self._report.clear()
-        if self._folder is not None:
-            try:
-                self._folder.clear()
-            except OutputError as error:
-                self.error = str(error)
+        self._undecodable = 0
+        for record in self._records.values():
+            record.clear()
+        for newest in self._newest:
+            newest.clear()
 
     def change(self, changes: Mapping[str, object]) -> None:
         """Put changed parameters into effect, all of them or none.
@@ -283,37 +360,39 @@ class Session:
         ParameterError
             If they cannot be, an output folder that cannot be written included.
         """
-        checked = {name: PARAMETERS[name].validate(value) for name, value in changes.items()}
+        checked = {name: self._known[name].validate(value) for name, value in changes.items()}
         for name in checked:
-            if not PARAMETERS[name].dynamic:
+            if not self._known[name].dynamic:
                 raise ParameterError(f"{name} is read-only while the node runs")
         # The last that can fail.
         if "output.directory" in checked:
             self._move(str(checked["output.directory"]))
         for name, value in checked.items():
             self.engine.set(name, value)
-            self._report.parameters[name] = value
-        self._models.change(self.engine.settings.evaluation.window)
+            for record in self._records.values():
+                record.report.parameters[name] = value
+        for record in self._records.values():
+            record.models.change(self.engine.settings.evaluation.window)
 
     def _move(self, directory: str) -> None:
+        places = {name: self._place(directory, name) for name in self.names}
         try:
-            if self._folder is not None and directory:
-                self._folder = self._folder.move(directory)
-            elif directory:
-                self._folder = OutputFolder(directory)
-            else:
-                self.close()
+            if self.is_several and directory:
+                # All or none: they can be written if this can.
+                for place in places.values():
+                    OutputFolder(place).close()
+            for name, record in self._records.items():
+                record.move(places[name])
         except OutputError as error:
             raise ParameterError(str(error)) from error
         self._directory = directory
         self._is_ours = False
-        self.error = None
+        self._error = None
 
     def close(self) -> None:
         """Close the folder, without writing it."""
-        if self._folder is not None:
-            self._folder.close()
-            self._folder = None
+        for record in self._records.values():
+            record.close()
 
 
 def _free(folder: Path) -> Path:
@@ -329,6 +408,7 @@ def _keep_files(folder: Path, copy: Path, names: Iterable[str]) -> None:
     copy.mkdir()
     for name in names:
         if (folder / name).is_file():
+            (copy / name).parent.mkdir(exist_ok=True)
             _keep(folder / name, copy / name)
 
 
@@ -338,6 +418,16 @@ def _same_file(one: Path, other: Path) -> bool:
         return one.samefile(other) or one.read_bytes() == other.read_bytes()
     except OSError:
         return False
+
+
+def _files_of_several(folder: Path) -> list[str]:
+    """The files that a summary of several estimates tells of."""
+    try:
+        names = list(json.loads((folder / _SUMMARY).read_text(encoding="utf-8"))["estimates"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
+    known = (name for name in names if isinstance(name, str) and is_name(name))
+    return [f"{name}/{file}" for name in known for file in FILES]
 
 
 def _keep(path: Path, kept: Path) -> None:

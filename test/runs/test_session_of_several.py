@@ -1,0 +1,145 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A session of several estimates, and the poses that it keeps to compare them."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+from twins.runs import FIXED, SECOND, assert_same_summary, simulated
+
+from trajeval_ros.files.output import OutputError
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.parameters import ParameterError, complete
+from trajeval_ros.runs.session import Session
+from trajeval_ros.runs.several import NewestPoses, alike_long
+
+NAMES = ("vins", "orb")
+SOURCES = {"ground truth": "/ground_truth", "vins": "/vins", "orb": "/orb"}
+FILES = ["poses.csv", "report.html", "summary.json"]
+
+
+def session(**given):
+    values = {name.replace("__", "."): value for name, value in given.items()}
+    return Session(complete({**FIXED, "estimates": NAMES, **values}, NAMES), SOURCES)
+
+
+@pytest.fixture(scope="module")
+def two():
+    """Two runs against one ground truth."""
+    return [simulated(seed, 20.0, (50.0, 10.0)) for seed in (1, 2)]
+
+
+def test_each_is_as_it_is_alone_and_all_are_in_one_summary(two, tmp_path):
+    run = session(output__directory=str(tmp_path))
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.note_undecodable(0, 2)
+    run.note_undecodable(2, 3)
+    run.finish_all()
+    assert run.save(last=True) == tmp_path
+    run.close()
+    assert sorted(os.listdir(tmp_path)) == ["orb", "summary.json", "vins"]
+    together = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert list(together) == ["ground_truth", "estimates", "comparison"]
+    assert together["ground_truth"]["rejected"]["undecodable"] == 2
+    for name, one in zip(NAMES, two, strict=True):
+        assert sorted(os.listdir(tmp_path / name)) == FILES
+        alone = json.loads((tmp_path / name / "summary.json").read_text(encoding="utf-8"))
+        assert alone.pop("ground_truth") == together["ground_truth"]
+        assert alone == together["estimates"][name]
+        engine = Engine(FIXED)
+        engine.add_ground_truth(two[0].ground_truth)
+        engine.add_estimate(one.estimate)
+        engine.finish()
+        for part in ("relative", "absolute", "conventional"):
+            assert_same_summary(alone[part], engine.summary()[part])
+    assert together["estimates"]["orb"]["estimate"]["rejected"]["undecodable"] == 3
+    (pair,) = together["comparison"]
+    assert (pair["a"], pair["b"]) == NAMES
+    assert pair["common"]["poses"] > 100
+
+
+def test_a_folder_that_cannot_be_written_costs_itself_alone(two, tmp_path):
+    (tmp_path / "vins").touch()
+    run = session(output__directory=str(tmp_path))
+    assert "vins" in run.error
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.finish_all()
+    with pytest.raises(OutputError, match="vins"):
+        run.save()
+    assert set(FILES) <= set(os.listdir(tmp_path / "orb"))
+    assert "vins" in json.loads((tmp_path / "summary.json").read_text())["estimates"]
+    run.close()
+
+
+def test_a_run_that_is_over_is_kept_whole(two, tmp_path):
+    run = session(output__directory=str(tmp_path))
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.finish_all()
+    assert run.archive() == tmp_path / "run_1"
+    run.reset()
+    run.save()
+    run.close()
+    assert sorted(os.listdir(tmp_path / "run_1")) == ["orb", "summary.json", "vins"]
+    kept = json.loads((tmp_path / "run_1" / "summary.json").read_text(encoding="utf-8"))
+    assert kept["estimates"]["vins"]["estimate"]["evaluated"] > 100
+    now = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert now["estimates"]["vins"]["estimate"]["evaluated"] == 0
+    assert now["comparison"][0]["common"]["poses"] == 0
+
+
+def test_the_folder_moves_for_all_or_for_none(two, tmp_path):
+    run = session(output__directory=str(tmp_path / "old"))
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.finish_all()
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "orb").touch()
+    with pytest.raises(ParameterError, match="orb"):
+        run.change({"output.directory": str(tmp_path / "taken")})
+    assert run.save() == tmp_path / "old"
+    run.change({"output.directory": str(tmp_path / "new")})
+    assert run.save(last=True) == tmp_path / "new"
+    rows = (tmp_path / "new" / "vins" / "poses.csv").read_text(encoding="utf-8")
+    assert rows.count("\n") > 100
+    run.close()
+
+
+@pytest.mark.parametrize("batch", [1, 7, 40])
+def test_however_cut_the_newest_poses_are_kept(two, batch):
+    engine = Engine(FIXED)
+    engine.add_ground_truth(two[0].ground_truth)
+    engine.add_estimate(two[0].estimate)
+    found = engine.finish().evaluations
+    kept, whole = NewestPoses("vins", 5, most=50), NewestPoses("orb", 0)
+    for begin in range(0, len(found), batch):
+        part = type(found)(
+            *(getattr(found, f)[begin : begin + batch] for f in found.__dataclass_fields__)
+        )
+        kept.add(part)
+        whole.add(part)
+    sampled = found.stamps[found.sampled]
+    assert kept.evaluated().stamps.tolist() == (sampled[-50:] + 5).tolist()
+    assert kept.begin == sampled[-50] + 5
+    assert whole.begin is None
+    # What one has forgotten is left out of the other.
+    _, other = alike_long([kept, whole])
+    assert other.stamps.tolist() == sampled[-49:].tolist()
+    kept.clear()
+    assert len(kept.evaluated()) == 0
+    assert kept.begin is None
+
+
+def test_a_run_of_any_length_is_compared_in_bounded_memory():
+    rng = np.random.default_rng(1)
+    kept = NewestPoses("vins", 0, most=100)
+    one = simulated(1, 5.0, (50.0, 20.0))
+    engine = Engine(FIXED)
+    engine.add_ground_truth(one.ground_truth)
+    engine.add_estimate(one.estimate)
+    found = engine.finish().evaluations
+    for repetition in range(50):
+        shift = repetition * 10 * SECOND + int(rng.integers(5))
+        fields = {f: getattr(found, f) for f in found.__dataclass_fields__}
+        kept.add(type(found)(**{**fields, "stamps": found.stamps + shift}))
+        assert sum(map(len, kept._kept)) <= 200

@@ -1,0 +1,55 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""``~/comparison``: several estimates, each pair of them, while they arrive."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from rclpy.node import Node
+
+from trajeval_ros.comparison.words import sentence
+from trajeval_ros.node.estimate import SHARE, Estimate
+from trajeval_ros.node.figures import flatten_comparison
+from trajeval_ros.node.outputs import Row, Table
+from trajeval_ros.runs.session import Session
+
+_LONGEST_PERIOD = 60.0
+
+
+class Compared:
+    """The publisher of ``~/comparison``: a status a pair, ``<a> vs <b>``.
+
+    Intervals are those of blocks and Student's t, as the bootstrap's library is not in apt, and the
+    bootstrap takes a hundred times as long.
+    """
+
+    def __init__(self, node: Node, session: Session, estimates: Sequence[Estimate]) -> None:
+        """Advertise the topic."""
+        self.table = Table(node, "~/comparison")
+        self._session = session
+        self._estimates = estimates
+        self._next = 0.0
+        self._published: int | None = None
+
+    def publish(self, *, last: bool = False) -> None:
+        """Publish if there is anything new, and it is time to or the ``last`` time."""
+        stamps = [one.latest for one in self._estimates if one.latest is not None]
+        begin = time.monotonic()
+        if not stamps or not self.table.wanted or max(stamps) == self._published:
+            return
+        if begin < self._next and not last:
+            return
+        rows = {
+            f"{found.a} vs {found.b}": Row(flatten_comparison(found), sentence(found))
+            for found in self._session.comparisons("block_t")
+        }
+        self.table.publish(max(stamps), rows)
+        self._published = max(stamps)
+        cost = time.monotonic() - begin
+        self._next = begin + min(cost / SHARE, _LONGEST_PERIOD)
+
+    def reset(self) -> None:
+        """A new run has begun."""
+        self._published = None

@@ -1,0 +1,156 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is kept of one estimate's run, and the folder that it goes to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.files.output import OutputError, OutputFolder
+from trajeval_ros.online.parameters import Value
+from trajeval_ros.online.results import Results
+from trajeval_ros.report import Report
+from trajeval_ros.runs.error_models import LiveErrorModels, put_into
+from trajeval_ros.wall import shield
+
+
+class Record:
+    """The report of one estimate, its likely causes, its folder.
+
+    A folder that cannot be written does not end the evaluation: ``error`` says what is wrong until
+    a later attempt succeeds.
+    """
+
+    def __init__(
+        self,
+        parameters: Mapping[str, Value],
+        sources: Mapping[str, str],
+        directory: str,
+        window: int,
+    ) -> None:
+        """Start empty; without a ``directory`` nothing is written.
+
+        ``parameters`` are those of a run with this estimate alone; ``window`` in ns.
+        """
+        self.report = Report(parameters, sources)
+        self.error: str | None = None
+        self.models = LiveErrorModels(window)
+        self.undecodable = 0
+        self.causes: tuple[Cause, ...] = ()
+        self._examined = 0
+        self._directory = directory
+        self._folder: OutputFolder | None = None
+        self._unwritten = 0  # poses evaluated while there was no folder for them
+        if directory:
+            self._try_open()
+
+    def _try_open(self) -> OutputFolder | None:
+        try:
+            self._folder = OutputFolder(self._directory)
+            self._folder.lack(self._unwritten, self.error or "")
+            self.error = None
+        except OutputError as error:
+            self.error = str(error)
+        return self._folder
+
+    @property
+    def path(self) -> Path | None:
+        """The folder; None where there is none."""
+        return None if self._folder is None else self._folder.path
+
+    def add(self, results: Results, offset: int) -> None:
+        """Take in what a call of the engine brought about.
+
+        ``offset`` (ns): of the estimate's clock from the ground truth's.
+        """
+        evaluations = results.evaluations
+        if len(evaluations):
+            self.report.add(results)
+            say = self.report.say
+            shield("the error model", lambda: self.models.add(evaluations, offset), None, say)
+        folder = self._folder
+        if self._directory and folder is None and len(evaluations):
+            folder = self._try_open()
+        if folder is None:
+            self._unwritten += len(evaluations)
+            return
+        try:
+            folder.add(evaluations)
+        except OutputError as error:
+            self.error = str(error)
+
+    def fit_error_model(self) -> bool:
+        """Fit a block of the run or the window, if one has changed."""
+        fitted = shield("the error model", self.models.fit_one, False, self.report.say)
+        models = self.error_models
+        self.report.model = models.get("run", models.get("window"))
+        return fitted
+
+    @property
+    def error_models(self) -> dict[str, dict[str, Any]]:
+        """The error models of the ``run`` and of the ``window``, as far as they are fitted."""
+        lack: dict[str, dict[str, Any]] = {}
+        return shield("the error model", lambda: self.models.figures, lack, self.report.say)
+
+    def look_for_causes(self, evaluated: int, *, again: bool = False) -> None:
+        """Look at the run so far, if more has been ``evaluated`` since, or ``again``."""
+        if evaluated != self._examined or again:
+            self.causes, self._examined = self.report.causes(), evaluated
+
+    def completed(self, summary: Mapping[str, object]) -> dict[str, object]:
+        """Return an engine's summary as ``summary.json`` has it."""
+        whole = {**summary, "likely_causes": [asdict(cause) for cause in self.causes]}
+        put_into(whole, self.error_models)
+        return whole
+
+    def save(self, summary: Mapping[str, object], *, last: bool) -> None:
+        """Write the folder; after the ``last`` time nothing more is evaluated.
+
+        Raises
+        ------
+        OutputError
+            If some of it cannot be written; the rest is.
+        """
+        folder = self._folder or self._try_open()
+        if folder is None:
+            assert self.error is not None
+            raise OutputError(self.error)
+        try:
+            folder.write(summary, self.report.render, last=last)
+        except OutputError as error:
+            self.error = str(error)
+            raise
+        self.error = None
+
+    def clear(self) -> None:
+        """Start over; files that are written stay until the next time they are."""
+        self._unwritten = self.undecodable = self._examined = 0
+        self.causes = ()
+        self.models = LiveErrorModels(self.models.duration)
+        self.report.clear()
+        if self._folder is not None:
+            try:
+                self._folder.clear()
+            except OutputError as error:
+                self.error = str(error)
+
+    def move(self, directory: str) -> None:
+        """Go on in another folder, with the rows so far; raises OutputError if it cannot be."""
+        if self._folder is not None and directory:
+            self._folder = self._folder.move(directory)
+        elif directory:
+            self._folder = OutputFolder(directory)
+        else:
+            self.close()
+        self._directory = directory
+        self.error = None
+
+    def close(self) -> None:
+        """Close the folder, without writing it."""
+        if self._folder is not None:
+            self._folder.close()
+            self._folder = None

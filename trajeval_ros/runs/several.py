@@ -1,0 +1,118 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Several estimates of one run: compared each with each, and in one summary."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
+from trajeval_ros.comparison.ratio import Method
+from trajeval_ros.online.results import Evaluations
+from trajeval_ros.online.settings import EvaluationSettings
+
+Figures = dict[str, Any]
+
+MOST_POSES = 100_000
+"""So many poses of each estimate are kept to be compared while a node runs: 80 minutes at 20 Hz."""
+
+
+def compared(
+    evaluated: Iterable[Evaluated], settings: EvaluationSettings, method: Method | None = None
+) -> tuple[Comparison, ...]:
+    """Return the comparison of each pair of estimates, of the poses that both have.
+
+    ``method``: where the intervals come from; the best that is installed where None.
+    """
+    pairs = itertools.combinations(evaluated, 2)
+    gauge, delta, unit = settings.gauge.name, settings.relative_delta, settings.relative_unit
+    return tuple(compare(a, b, gauge, delta, unit, method) for a, b in pairs)
+
+
+def together(
+    summaries: Mapping[str, Mapping[str, Any]], comparisons: Sequence[Comparison]
+) -> Figures:
+    """Return the summary of several estimates against one ground truth.
+
+    ``summaries``: each one's alone, by its name. Each is as it is there, but for the ground truth,
+    which stands beside them.
+    """
+    first = next(iter(summaries.values()))
+    return {
+        "ground_truth": first["ground_truth"],
+        "estimates": {
+            name: {key: value for key, value in one.items() if key != "ground_truth"}
+            for name, one in summaries.items()
+        },
+        "comparison": [comparison.figures() for comparison in comparisons],
+    }
+
+
+class NewestPoses:
+    """The newest evaluated poses of an estimate outside the ground truth's gaps.
+
+    Memory is bounded: beyond ``most`` poses the oldest are forgotten.
+    """
+
+    def __init__(self, name: str, offset: int, most: int = MOST_POSES) -> None:
+        """Start empty; ``offset`` (ns) is that of the estimate's clock from the ground truth's."""
+        self._name = name
+        self._offset = offset
+        self._most = most
+        self.clear()
+
+    def clear(self) -> None:
+        """Start over."""
+        self._kept = [Evaluated(self._name, *_NONE)]
+        self._count = 0
+        self._forgotten = False
+
+    def add(self, evaluations: Evaluations) -> None:
+        """Take in the next poses."""
+        known = evaluations.sampled
+        if not known.any():
+            return
+        stamps = evaluations.stamps[known] + self._offset
+        self._kept.append(
+            Evaluated(
+                self._name, stamps, evaluations.ground_truth[known], evaluations.estimate[known]
+            )
+        )
+        self._count += len(stamps)
+        if self._count > 2 * self._most:
+            self._join()
+
+    def _join(self) -> Evaluated:
+        fields = ("stamps", "ground_truth", "estimate")
+        joined = (np.concatenate([getattr(one, f) for one in self._kept]) for f in fields)
+        self._forgotten = self._forgotten or self._count > self._most
+        newest = Evaluated(self._name, *(array[-self._most :] for array in joined))
+        self._kept, self._count = [newest], len(newest)
+        return newest
+
+    def evaluated(self) -> Evaluated:
+        """Return the poses, their stamps on the ground truth's clock."""
+        return self._join()
+
+    @property
+    def begin(self) -> int | None:
+        """Stamp (ns) before which poses have been forgotten; None where none have."""
+        newest = self._join()
+        return int(newest.stamps[0]) if self._forgotten else None
+
+
+def alike_long(kept: Sequence[NewestPoses]) -> tuple[Evaluated, ...]:
+    """Return the poses from where on none have been forgotten of any estimate."""
+    begins = [one.begin for one in kept]
+    begin = max((begin for begin in begins if begin is not None), default=None)
+    poses = (one.evaluated() for one in kept)
+    if begin is None:
+        return tuple(poses)
+    return tuple(one[np.flatnonzero(one.stamps >= begin)] for one in poses)
+
+
+_NONE = np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), np.empty((0, 4, 4))
