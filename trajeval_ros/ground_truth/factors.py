@@ -419,8 +419,9 @@ def _walk(panels: _Panels, state: Array) -> Iterator[tuple[Counts, Array, Array]
             kernel = _kernel(blocks)
             apart = (panels.times[here][:, :, None] - times[:, None]).reshape(len(here), -1)
             white += kernel.cross(apart, len(state)).reshape(white.shape)
-            until = np.maximum(times[:, -1:] - panels.times[here], 0.0)
-            onwards = onwards - kernel.past(kernel.powers(until), len(state))
+            if (panels.counts > _BLOCK).any():
+                until = np.maximum(times[:, -1:] - panels.times[here], 0.0)
+                onwards = onwards - kernel.past(kernel.powers(until), len(state))
         for p, (factor, b) in enumerate(blocks):
             for rows in white[:, :, p]:
                 _solve_rows(factor._lower[:, b], rows)

@@ -89,8 +89,13 @@ class KernelSum:
         return np.stack(found)
 
     def _summed(self, each: Array, factors: Array) -> Array:
-        """Each kernel's of the distinct groups (m, D, S, n), times ``factors`` (m, G, S)."""
-        return np.asarray(np.add.reduce(factors[..., None] * each[:, self._which], axis=0))
+        """Each kernel's of the distinct groups (m, D, S, n), times ``factors`` (m, G, S).
+
+        ``each`` may be overwritten.
+        """
+        scaled = each[:, self._which]
+        scaled *= factors[..., None]
+        return np.asarray(np.add.reduce(scaled, axis=0))
 
 
 @lru_cache(maxsize=64)
