@@ -119,7 +119,7 @@ class _Reservoir:
         """Take one that covers ``duration`` (ns)."""
         self.covered += duration
         if self._added % self._every == 0:
-            self.segments.append(segment)
+            self.segments.append(segment.unconditioned)
             if len(self.segments) > 2 * SEGMENTS:
                 self.segments = self.segments[::2]
                 self._every *= 2

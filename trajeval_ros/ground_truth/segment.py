@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -293,6 +294,13 @@ class Segment:
         if variances is None:
             variances = np.zeros((len(self), size))
         return Values(self.times, values, variances)
+
+    @property
+    def unconditioned(self) -> Segment:
+        """The samples alone, without what is known of the process: a tenth of the memory."""
+        alone = copy.copy(self)
+        alone._adaptation = None
+        return alone
 
     @property
     def begun(self) -> bool:
