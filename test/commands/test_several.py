@@ -98,8 +98,8 @@ def test_each_has_parameters_of_its_own(paths: list[Path], tmp_path: Path) -> No
 def test_one_that_cannot_be_evaluated_costs_itself_alone(paths: list[Path], tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.txt"
     rows = [line.split() for line in paths[1].read_text(encoding="utf-8").splitlines()]
-    zeros = [" ".join([*row[:4], "0", "0", "0", "0"]) for row in rows if row[0] != "#"]
-    wrong.write_text("\n".join(zeros) + "\n", encoding="utf-8")
+    nowhere = [" ".join([row[0], "nan", *row[2:]]) for row in rows if row[0] != "#"]
+    wrong.write_text("\n".join(nowhere) + "\n", encoding="utf-8")
     result = evaluate("tum", paths[0], paths[1], wrong, "--output", tmp_path / "out")
     assert result.returncode == 1
     assert "wrong.txt: none of its" in result.stderr

@@ -101,6 +101,7 @@ class Engine:
     def add_ground_truth(self, samples: PoseSamples) -> None:
         """Take ground-truth samples, in the order of their arrival."""
         self._reference.add(samples)
+        self._pass_on()
 
     def add_estimate(self, samples: PoseSamples, name: str | None = None) -> None:
         """Take poses of an estimate, in the order of their arrival."""
@@ -118,6 +119,7 @@ class Engine:
         """Evaluate all that can be of every estimate; ``now`` as for `advance`."""
         if now is not None:
             self._reference.confirm(now - self._settings.timing.max_wait)
+            self._pass_on()
         found = {name: track.advance(now) for name, track in self._tracks.items()}
         self._forget()
         return found
@@ -130,7 +132,14 @@ class Engine:
     def finish_all(self) -> dict[str, Results]:
         """No more data will come: evaluate or reject all that is pending."""
         self._reference.conclude()
+        self._pass_on()
         return {name: track.finish() for name, track in self._tracks.items()}
+
+    def _pass_on(self) -> None:
+        """Tell every track the samples that were let in."""
+        for samples in self._reference.fresh():
+            for track in self._tracks.values():
+                track.add_ground_truth(samples)
 
     def _forget(self) -> None:
         """Drop the ground truth that no track asks for any more.

@@ -15,6 +15,7 @@ from trajeval_ros.likelihood.first_order import FirstOrderAbsolute
 from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
 from trajeval_ros.likelihood.joint import FactorRows, JointFactor
 from trajeval_ros.likelihood.relative import RunningRelative
+from trajeval_ros.online.instants import Instants
 from trajeval_ros.online.residuals import MeanSquares, ResidualMoments
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
@@ -44,6 +45,7 @@ class Evaluation:
         self._conventional = RunningConventional(
             self.gauge.name, settings.relative_delta, settings.relative_unit
         )
+        self.instants = Instants(self.gauge.name, settings.relative_delta, settings.relative_unit)
         self._steps = MeanSquares()
         self._residuals = ResidualMoments()
         self.count = 0
@@ -78,6 +80,7 @@ class Evaluation:
         self._absolute_total = self._absolute.total
         self._alignment = self._absolute.alignment
         self._conventional.update(stamps[sampled], ground_truth[sampled], estimate[sampled])
+        self.instants.add_estimate(stamps, estimate)
         self._window.append(
             poses, _padded(steps.error, first, 0.0), _padded(steps.adjoint, first, 0.0)
         )
@@ -140,8 +143,8 @@ class Evaluation:
 
     @property
     def conventional(self) -> RunningConventional:
-        """The conventional figures of the run."""
-        return self._conventional
+        """The conventional figures of the run, at the ground truth's instants if it is sparse."""
+        return self.instants.figures or self._conventional
 
     @property
     def step_mean_squares(self) -> MeanSquares:

@@ -41,6 +41,7 @@ class Reference:
         self.ground_truth = GroundTruth(process, self.faults)
         self.odometer = Odometer(process.translation_std)
         self.presence = Presence()
+        self._fresh: list[Samples] = []
 
     @property
     def known(self) -> Stamps:
@@ -77,8 +78,14 @@ class Reference:
             self._intake.account.reject(Reason(code), count)
         if len(screened.samples):
             self.ground_truth.append(screened.samples)
+            self._fresh.append(screened.samples)
             self.presence.add(screened.samples.stamps)
             self.odometer.add(screened.samples.stamps, screened.samples.poses[:, :3, 3])
+
+    def fresh(self) -> tuple[Samples, ...]:
+        """The samples that were let in since it was last asked."""
+        found, self._fresh = tuple(self._fresh), []
+        return found
 
     def learned(self) -> tuple[Notice, ...]:
         """What has been learned, if it is to be."""

@@ -227,6 +227,7 @@ def _conventional(evaluation: Evaluation) -> Figures:
         "re_delta": evaluation.settings.relative_delta,
         "re_unit": evaluation.settings.relative_unit,
         "alignment": _ate_alignment(conventional.alignment),
+        "at": "ground_truth" if evaluation.instants.are_told else "estimate",
     }
 
 

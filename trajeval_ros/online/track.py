@@ -14,6 +14,7 @@ from trajeval_ros import se3
 from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.ground_truth.joint import JointCovariance
+from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.likelihood.gaussian import CovarianceError, positive_definite
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.coverage import Presence, coverage
@@ -111,6 +112,10 @@ class Track:
         if samples.covariances is not None and self._settings.use_covariance:
             self._doubts.look_at(samples.covariances)
         self._append(self._estimates.accept(samples))
+
+    def add_ground_truth(self, samples: Samples) -> None:
+        """Take samples of the ground truth, beside what `Reference` answers."""
+        self._evaluation.instants.add_ground_truth(samples.stamps, samples.poses)
 
     def _append(self, accepted: Accepted) -> None:
         if not len(accepted.stamps):
@@ -423,6 +428,12 @@ class Track:
                 "determined: the conventional rotation error is left out"
             )
             found.append(Notice("warning", "alignment_undetermined", text))
+        if self._evaluation.instants.are_told:
+            text = (
+                "the ground truth is sparser than the estimate: the conventional figures are at its"
+                " own instants, the estimate interpolated there"
+            )
+            found.append(Notice("info", "at_ground_truth", text))
         return (*found, *self._reference.faulty(), *self._doubts.notices())
 
     def health(self) -> Health:
