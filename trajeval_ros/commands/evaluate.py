@@ -116,6 +116,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser()
     completion.complete(parser, inputs.with_format)
     arguments = parser.parse_args(inputs.with_format(given))
+    arguments.given = tuple(given)
     return console.run(lambda: evaluate(arguments), "evaluate")
 
 
@@ -161,7 +162,13 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
 
     output = arguments.output or str(parameters["output.directory"])
     return scoring.score(
-        data, parameters, output, arguments.apply, earlier, align_origin=arguments.align_origin
+        data,
+        parameters,
+        output,
+        arguments.apply,
+        earlier,
+        align_origin=arguments.align_origin,
+        given=arguments.given,
     )
 
 

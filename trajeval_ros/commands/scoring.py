@@ -54,8 +54,11 @@ def score(
     baselines: Mapping[str, Baseline] = MappingProxyType({}),
     *,
     align_origin: bool = False,
+    given: Sequence[str] = (),
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
+
+    ``given``: the command line, for the summary to say how it can be made again.
 
     ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
     first pose of each is laid on the ground truth's, and nothing else is aligned. With several
@@ -76,7 +79,10 @@ def score(
             for name in data.names
         }
         scorings = {name: run.scoring for name, run in runs.items()}
-        found = _found(data, parameters, scorings)
+        found = {
+            name: _with_arguments(one, given)
+            for name, one in _found(data, parameters, scorings).items()
+        }
         for name, run in runs.items():
             try:
                 _require_poses(found[name], scorings[name].estimate)
@@ -128,6 +134,12 @@ def score(
         if len(found[name].stamps)
     }
     return Outcome(summary, found, tuple(dict.fromkeys(failures)), judgements)
+
+
+def _with_arguments(scored: Scored, given: Sequence[str]) -> Scored:
+    """What was scored, with the command line among what its summary is of."""
+    inputs = {**scored.summary["inputs"], "arguments": list(given)}
+    return replace(scored, summary={**scored.summary, "inputs": inputs})
 
 
 def _require_poses(scored: Scored, estimate: Trajectory) -> None:
