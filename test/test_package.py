@@ -209,3 +209,9 @@ def test_make_demo_refuses_one_file_without_the_other(name: str) -> None:
     )
     assert result.returncode == 2
     assert result.stderr.startswith(f"error: {name} is set and ")
+
+
+def test_no_two_files_of_tests_share_a_name() -> None:
+    """Pytest imports them by their names alone: of two, it refuses one."""
+    names = [path.name for path in (ROOT / "test").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))
