@@ -56,13 +56,18 @@ def estimate(path: Path) -> tuple[Stamps, Array]:
 def drawn(
     rng: np.random.Generator, kind: Kind, parameters: Array, times: Array, position: Array
 ) -> Array:
-    """Errors of a process and of jitter, in the world's axes; (N, 6)."""
+    """Errors of a process and of jitter, in the world's axes; (N, 6).
+
+    Where the process is free, its rotations are composed, and turn each step that follows as a
+    rotation does: to first order, a heading that is off by 0.2 rad would lengthen all steps by 2 %.
+    """
     groups = [steps(kind, each, np.diff(times)) for each in parameters]
     k = kind.components
     state = np.zeros((k, 2, 3))
     for g, group in enumerate(groups):
         if group.prior[-1, -1] > 0.0:
             state[-1, g] = rng.normal(size=3) / np.sqrt(group.prior[-1, -1])
+    turned = se3.exp_so3(state[0, 1])
     found = np.zeros((len(times), 6))
     found[0] = state[0].ravel()
     for i in range(len(times) - 1):
@@ -71,8 +76,12 @@ def drawn(
             root = np.linalg.cholesky(group.noise[i])
             state[:, g] = group.transition[i] @ old[:, g] + root @ rng.normal(size=(k, 3))
         if kind is not Kind.WANDER:
-            state[0, 0] -= np.cross(position[i + 1] - position[i], old[0, 1])
-        found[i + 1] = state[0].ravel()
+            step = position[i + 1] - position[i]
+            state[0, 0] += turned @ step - step
+            turned = turned @ se3.exp_so3(state[0, 1] - old[0, 1])
+            found[i + 1] = np.concatenate([state[0, 0], se3.log_so3(turned)])
+        else:
+            found[i + 1] = state[0].ravel()
     return found + rng.normal(size=found.shape) * np.repeat(np.exp(parameters[:, 0]), 3)
 
 
