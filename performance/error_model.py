@@ -17,10 +17,12 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.error_model.fit import ErrorModel, fit
+from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import NAMES, Ask, Nuisances
 from trajeval_ros.error_model.process import GROUPS, Kind, steps
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.online.engine import Engine
+from trajeval_ros.report import answers
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -230,6 +232,30 @@ def injected(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
         )
 
 
+def table(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
+    """Print the rows of the table in ``docs/error_model.md``."""
+    for dataset, name in pairs:
+        ask: Ask = ground_truth(data / dataset / "groundtruth.txt").truth
+        found = fit(*estimate(data / dataset / f"{name}.txt"), ask)
+        if found is None:
+            continue
+        said = dict(answers.sentences(named(found)))
+        jitter, kind = said["Error"].removeprefix("jitter ").split("; ", 1)
+        nats = ", ".join(f"{found.alternatives[each]:.2f}" for each in Kind)
+        white = ", ".join(f"{part:.2f}" for part in np.abs(found.whiteness).max(axis=1))
+        gain = found.nats_per_pose - found.uncorrected / found.poses
+        cells = [f"{dataset}, {name}", str(found.poses), jitter, kind]
+        for i, (factor, unit) in enumerate(((1e3, " ms"), (1e6, " ppm"))):
+            value, std = factor * found.nuisances.vector[i], factor * found.std[i]
+            cells.append(f"{value:.2f} ± {std:.2f}{unit}")
+        arm = 1e3 * float(np.linalg.norm(found.nuisances.extrinsic[:3, 3]))
+        cells.append(f"{arm:.0f} ± {1e3 * found.std[2:5].max():.0f} mm")
+        scale = found.nuisances.scale
+        cells.append(f"{scale:.4f} ± {scale * found.std[8]:.4f}")
+        cells += [nats, f"{gain:.2f}", white, str(len(found.jumps))]
+        print("| " + " | ".join(cells) + " |", flush=True)
+
+
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -237,7 +263,11 @@ def main() -> None:
     parser.add_argument("--simulations", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--injections", type=int, default=len(PAIRS), help="pairs to inject into")
+    parser.add_argument("--table", action="store_true", help="print the fits of all pairs instead")
     arguments = parser.parse_args()
+    if arguments.table:
+        table(arguments.data, PAIRS)
+        return
     if arguments.simulations:
         simulations(arguments.data, arguments.simulations, arguments.seed)
     injected(arguments.data, PAIRS[: arguments.injections])

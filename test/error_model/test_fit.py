@@ -135,5 +135,12 @@ def test_names_are_those_of_the_summary():
     assert summary["model"] == "drift"
     for group in GROUPS:
         assert {"jitter_std", "drift_std", "long_run_drift"} <= set(summary[group])
+        by_time, by_distance = (
+            summary[group][name]["value"]
+            for name in ("long_run_drift", "long_run_drift_by_distance")
+        )
+        positions = motion(np.arange(100) / 20.0)[:, :3, 3]
+        speed = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum() / 4.95
+        assert by_time / by_distance == pytest.approx(np.sqrt(speed), rel=0.05)
     assert set(summary["clock_offset"]) == {"value", "std"}
     assert len(summary["extrinsic"]["translation"]["value"]) == 3

@@ -424,10 +424,16 @@ def _blocks(count: int) -> int:
 
 
 def _groups(found: Maximum) -> dict[str, dict[str, Figure]]:
-    """Each parameter's value and standard deviation, and the long-run drift's."""
+    """Each parameter's value and standard deviation, and the long-run drift's.
+
+    Also by distance, at the mean speed.
+    """
     covariance = uncertainty(found, _blocks(found.likelihood.count))
     names = found.kind.names
     size = len(names)
+    data = found.data
+    way = float(np.linalg.norm(data.travel, axis=1).sum())
+    speed = way / float(data.times[-1] - data.times[0])
     groups: dict[str, dict[str, Figure]] = {}
     for g, group in enumerate(GROUPS):
         values = np.exp(found.parameters[g])
@@ -440,7 +446,11 @@ def _groups(found: Maximum) -> dict[str, dict[str, Figure]]:
                 std = max(np.nan_to_num(std), upper_limit(found, g, i) - float(values[i]))
             figures[name] = Figure(float(values[i]), std)
         if found.kind is not Kind.WANDER:
-            figures["long_run_drift"] = _long_run(values, own)
+            drift = figures["long_run_drift"] = _long_run(values, own)
+            if speed > 0.0:
+                by_time = float(np.sqrt(speed))
+                by_distance = Figure(drift.value / by_time, drift.std / by_time)
+                figures["long_run_drift_by_distance"] = by_distance
         groups[group] = figures
     return groups
 

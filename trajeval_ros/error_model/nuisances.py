@@ -34,8 +34,8 @@ _PRECISION: Array = np.asarray(1.0 / PRIOR_STD**2, dtype=np.float64)
 # A direction is observed when its standard deviation is below these together.
 OBSERVED_STD = np.array([0.05, 2e-3, *[0.3] * 3, *[0.1] * 3, 0.1])
 
-# Where no error's angle exceeds this, errors are taken as they are, and otherwise as sums of steps: a
-# heading that is off by φ shortens what of a step follows it by φ²/2, which would be taken for scale.
+# Where no error's angle exceeds this, errors are taken as they are, and otherwise as sums of steps:
+# a heading that is off by φ takes φ²/2 off what of a step follows it, as if it were scale.
 _SMALL_ANGLE = 0.02
 
 

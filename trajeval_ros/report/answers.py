@@ -14,6 +14,8 @@ Figures = Mapping[str, Any]
 
 # Of what is not the estimator's fault, what gains ten nats is named: a chance of 7e-6, of nine.
 _SIGMAS = 4.5
+# Drift by distance is said where the mean speed is 1 m/s and more.
+_FAST = 1.0
 # Autocorrelations beyond this say that the model does not hold.
 _WHITE = 0.2
 
@@ -63,6 +65,9 @@ def _kind(model: Figures) -> str:
     else:
         parts = f"drift {_length(translation['long_run_drift'], '/√s')},"
         parts += f" {_angle(rotation['long_run_drift'], '/√s')}"
+        far = translation.get("long_run_drift_by_distance")
+        if far is not None and far["value"] < _FAST * translation["long_run_drift"]["value"]:
+            parts += f" ({_length(far, '/√m')})"
         if "velocity_std" in translation:
             parts += f" (velocity error {_length(translation['velocity_std'], '/s')} over"
             parts += f" {_number(**translation['velocity_time'])} s)"
