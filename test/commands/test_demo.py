@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from trajeval_ros.commands.simulate import write_files
+from trajeval_ros.commands.simulate import write_files, write_two
+from trajeval_ros.comparison.compare import read
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {
@@ -93,6 +94,29 @@ def test_live_figures_are_those_of_the_files(tmp_path: Path) -> None:
     assert figures["live"]["absolute"]["consistency"] < 1e-9
     figures["file"]["absolute"].pop("consistency")
     close(figures["live"], figures["file"])
+
+
+@pytest.mark.ros
+def test_two_estimates_side_by_side_and_which_is_better(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    truth, drifting, corrected = write_two(tmp_path, 40.0, 1)
+    demo = run(
+        "demo",
+        *("--ground-truth", truth, "--estimate", drifting, "--estimate", corrected),
+        *("--rate", 8, "--output", tmp_path / "live"),
+        cwd=tmp_path,
+    )
+    assert demo.returncode == 0, demo.stdout + demo.stderr
+    assert "none lost" in demo.stdout
+    assert "drifting: ATE" in demo.stdout
+    assert "corrected's translation drifts" in demo.stdout
+    for name in ("drifting", "corrected"):
+        assert (tmp_path / "live" / name / "report.html").is_file()
+    summary = json.loads((tmp_path / "live" / "summary.json").read_text(encoding="utf-8"))
+    (pair,) = summary["comparison"]
+    assert pair["re_translation"]["interval"][0] > 1.0
+    # What was written is what was compared.
+    assert read(pair).figures() == pair
 
 
 @pytest.mark.ros

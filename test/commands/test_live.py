@@ -109,3 +109,28 @@ def test_screen_before_anything_is_known() -> None:
     console = rich_console.Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     console.print(render(State(first=0.0, last=10.0)))
     assert "starting the node" in console.export_text()
+
+
+def several() -> State:
+    state = State(first=100.0, last=180.0, stamp=120.0, messages=400, names=("vins", "orb"))
+    for name, ate in (("vins", 0.0213), ("orb", 0.0312)):
+        state.metrics[f"{name}: conventional"] = {"ate_translation_rmse": ate}
+    state.sentences = {"vins vs orb": "vins's translation ATE is 32 % smaller"}
+    return state
+
+
+def test_several_stand_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
+    view = PlainView()
+    for _ in range(2):
+        view._next = 0.0
+        view.show(several())
+    out = capsys.readouterr().out
+    assert "vins: ATE 0.0213 m" in out
+    assert "orb: ATE 0.0312 m" in out
+    console = pytest.importorskip("rich.console", reason="needs rich")
+    screen = console.Console(width=80, record=True)
+    screen.print(render(several()))
+    shown = screen.export_text()
+    (row,) = [line for line in shown.splitlines() if "0.0213" in line]
+    assert "0.0312" in row
+    assert "vins's translation ATE is 32 % smaller" in shown

@@ -24,7 +24,7 @@ from trajeval_ros.commands.processes import Child
 DESCRIPTION = """\
 Show a live evaluation: starts the node evaluator and a player that publishes ground truth and
 estimate over DDS, shows the running figures, and ends by itself. Without files, on a simulated
-flight."""
+flight, with two estimates of which one is better."""
 
 # The replay is to take about this long, so that all is over within a minute.
 _REPLAY_SECONDS = 38.0
@@ -46,7 +46,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     console.add_version(parser)
     parser.add_argument("--ground-truth", metavar="FILE", help="a TUM file")
-    parser.add_argument("--estimate", metavar="FILE", help="a TUM file")
+    parser.add_argument(
+        "--estimate", metavar="FILE", action="append", help="a TUM file; may be repeated"
+    )
     parser.add_argument(
         "--rate",
         type=console.number(0.1, 100.0),
@@ -89,15 +91,16 @@ def demo(arguments: argparse.Namespace) -> int:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise console.CommandError(f"cannot write {output}: {error.strerror}") from error
-    ground_truth, estimate = _files(arguments, output)
+    files = _files(arguments, output)
     data = inputs.read(
         argparse.Namespace(
-            format="tum", ground_truth=ground_truth, estimate=[estimate], times=None, strict=False
+            format="tum", ground_truth=files[0], estimate=files[1:], times=None, strict=False
         )
     )
-    inputs.check_overlap(data.ground_truth, data.estimate, 0.0)
-    first = min(int(each.stamps.min()) for each in (data.ground_truth, data.estimate))
-    last = max(int(each.stamps.max()) for each in (data.ground_truth, data.estimate))
+    for estimate in data.estimates:
+        inputs.check_overlap(data.ground_truth, estimate, 0.0)
+    first = min(int(each.stamps.min()) for each in (data.ground_truth, *data.estimates))
+    last = max(int(each.stamps.max()) for each in (data.ground_truth, *data.estimates))
     seconds = (last - first) / inputs.SECOND
     rate = arguments.rate or min(max(seconds / _REPLAY_SECONDS, 1.0), _FASTEST)
 
@@ -105,20 +108,24 @@ def demo(arguments: argparse.Namespace) -> int:
     with own_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        return _run(data, output, rate, (ground_truth, estimate))
+        return _run(data, output, rate, files)
 
 
-def _files(arguments: argparse.Namespace, output: Path) -> tuple[str, str]:
+def _files(arguments: argparse.Namespace, output: Path) -> list[str]:
+    """The ground truth and the estimates."""
     if arguments.ground_truth is not None:
-        return arguments.ground_truth, arguments.estimate
-    from trajeval_ros.commands.simulate import write_files
+        return [arguments.ground_truth, *arguments.estimate]
+    from trajeval_ros.commands.simulate import write_two
 
-    print(f"Simulating a flight of {_SIMULATED_SECONDS:g} s ...", flush=True)
-    ground_truth, estimate = write_files(output, _SIMULATED_SECONDS, 1)
-    return str(ground_truth), str(estimate)
+    print(
+        f"Simulating a flight of {_SIMULATED_SECONDS:g} s, and two estimates of it: one drifts, the"
+        " other is corrected ...",
+        flush=True,
+    )
+    return [str(path) for path in write_two(output, _SIMULATED_SECONDS, 1)]
 
 
-def _run(data: inputs.Inputs, output: Path, rate: float, files: tuple[str, str]) -> int:
+def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str]) -> int:
     from trajeval_ros.commands import live
 
     try:
@@ -129,11 +136,18 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: tuple[str, str])
             " 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces"
         ) from error
 
-    estimates = data.estimate.stamps
-    state = live.State(first=estimates.min() / 1e9, last=estimates.max() / 1e9)
-    for name in ("summary.json", "poses.csv", "report.html"):
-        (output / name).unlink(missing_ok=True)
+    several = len(data.names) > 1
+    state = live.State(
+        first=min(each.stamps.min() for each in data.estimates) / 1e9,
+        last=max(each.stamps.max() for each in data.estimates) / 1e9,
+        names=data.names if several else (),
+    )
+    # What an earlier demo has left.
+    for folder in (output, *(output / name for name in data.names)):
+        for name in ("summary.json", "poses.csv", "report.html"):
+            (folder / name).unlink(missing_ok=True)
     node_arguments = ["--ros-args", "-p", "use_sim_time:=true", "-p", f"output.directory:={output}"]
+    node_arguments += ["-p", f"estimates:=[{', '.join(data.names)}]"]
     player_arguments = ["tum", *files, "--rate", repr(rate), "--wait", str(_READY_PATIENCE)]
     with (
         Monitor(state) as monitor,
@@ -142,7 +156,7 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: tuple[str, str])
     ):
         with live.make_view() as view:
             _watch(monitor, view, state, node, player, rate)
-        published = _published(player)
+        published = _published(player, data.names)
         state.phase = "writing the results"
         code = node.interrupt(_SHUTDOWN_PATIENCE)
     if code != 0:
@@ -180,18 +194,20 @@ def _check_alive(node: Child) -> None:
         raise console.CommandError(f"the node ended with exit code {code}: {node.last_words()}")
 
 
-def _published(player: Child) -> dict[str, int]:
-    match = re.search(
-        r"published ground_truth (\d+), estimate (\d+)", player.log.read_text(encoding="utf-8")
-    )
+def _published(player: Child, names: Sequence[str]) -> dict[str, int]:
+    topics = ("ground_truth", *names)
+    counts = ", ".join(rf"{topic} (\d+)" for topic in topics)
+    match = re.search(f"published {counts}", player.log.read_text(encoding="utf-8"))
     if match is None:
         raise console.CommandError(f"the player did not say what it sent: {player.last_words()}")
-    return {"ground_truth": int(match[1]), "estimate": int(match[2])}
+    return dict(zip(topics, map(int, match.groups()), strict=True))
 
 
 def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
     """Print the summary; check that every message that was sent was received."""
     from trajeval_ros.commands import figures
+    from trajeval_ros.comparison.compare import read
+    from trajeval_ros.comparison.words import sentence
     from trajeval_ros.online.parameters import complete
 
     path = output / "summary.json"
@@ -199,11 +215,19 @@ def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise console.CommandError(f"the node has not written {path}") from error
-    print("\n".join(figures.summary_lines(summary, complete({}))))
+    received = {"ground_truth": summary["ground_truth"]["received"]}
+    estimates = summary.get("estimates")
+    if estimates is None:
+        received["estimate"] = summary["estimate"]["received"]
+        print("\n".join(figures.summary_lines(summary, complete({}))))
+    else:
+        received |= {name: one["estimate"]["received"] for name, one in estimates.items()}
+        print("\n".join(figures.side_by_side(estimates)) + "\n")
+        print("\n".join(f"{sentence(read(pair))}." for pair in summary["comparison"]))
     lost = {
-        topic: count - summary[topic]["received"]
+        topic: count - received[topic]
         for topic, count in published.items()
-        if count != summary[topic]["received"]
+        if count != received[topic]
     }
     total = sum(published.values())
     print()
@@ -211,7 +235,8 @@ def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
         counts = ", ".join(f"{count:,} of {topic}" for topic, count in lost.items())
         raise console.CommandError(f"of {total:,} messages at {rate:.3g}x, lost: {counts}")
     print(f"Published {total:,} messages at {rate:.3g}x over DDS, received {total:,}: none lost.")
-    print(f"Report: {output / 'report.html'}")
+    for folder in [output] if estimates is None else [output / name for name in estimates]:
+        print(f"Report: {folder / 'report.html'}")
     return console.DONE
 
 

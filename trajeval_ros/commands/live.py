@@ -53,7 +53,9 @@ class Event:
 class State:
     """What is known of the run at this moment. Times are the data's, in seconds.
 
-    ``events``: what the health said and says no more, too; the latest.
+    ``names`` of the estimates, where there are several: statuses of each begin with its name.
+    ``sentences``: of each pair, how they compare. ``events``: what the health said and says no
+    more, too; the latest.
     """
 
     first: float
@@ -64,6 +66,8 @@ class State:
     health: dict[str, Health] = field(default_factory=dict)
     trends: dict[str, deque[float]] = field(default_factory=dict)
     messages: int = 0
+    names: tuple[str, ...] = ()
+    sentences: dict[str, str] = field(default_factory=dict)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
     _said: dict[str, tuple[int, str]] = field(default_factory=dict)
 
@@ -88,9 +92,9 @@ class State:
             return 0.0
         return min(max((self.stamp - self.first) / (self.last - self.first), 0.0), 1.0)
 
-    def figure(self, status: str, *keys: str) -> float | None:
-        """Return the first of the figures that is there."""
-        figures = self.metrics.get(status, {})
+    def figure(self, status: str, *keys: str, of: str = "") -> float | None:
+        """Return the first of the figures that is there; ``of`` one of several estimates."""
+        figures = self.metrics.get(f"{of}: {status}" if of else status, {})
         return next((figures[key] for key in keys if key in figures), None)
 
     def remember(self, name: str, value: float | None) -> None:
@@ -164,6 +168,12 @@ class PlainView:
             f"chi2/dof {compact(state.figure('relative', 'chi2_per_dof'))}",
             f"absolute {compact(state.figure('absolute', 'log_likelihood'))} nats",
         ]
+        if state.names:
+            words = [words[0]]
+            for name in state.names:
+                ate = state.figure("conventional", "ate_translation_rmse", of=name)
+                step = state.figure("conventional", "re_translation_rmse", of=name)
+                words.append(f"{name}: ATE {metres(ate)}, RE {metres(step)}")
         if truth is not None:
             words.append(f"ground truth {LEVELS.get(truth.level, '?')}: {truth.message}")
         print("  ".join(words), flush=True)
@@ -286,6 +296,50 @@ def render(state: State) -> Any:
         f"{duration(done * length)} of {duration(length)}",
     )
 
+    table = _beside(state) if state.names else _alone(state)
+
+    health = Table.grid(padding=(0, 1))
+    health.add_column(no_wrap=True)
+    health.add_column(no_wrap=True)
+    health.add_column()
+    known = [*_HEALTH[:1], *state.names, *_HEALTH[1:]]
+    order = [name for name in known if name in state.health]
+    order += sorted(set(state.health) - set(known))
+    for name in order:
+        entry = state.health[name]
+        level = LEVELS.get(entry.level, "?")
+        health.add_row(Text(level, style=_STYLES.get(entry.level, "")), name, entry.message)
+    compared = [Text(text) for text in state.sentences.values()]
+    return Panel(
+        Group(heading, "", table, "", *compared, *[""][: len(compared)], health, *_log(state)),
+        title="trajeval_ros: evaluator, live",
+        title_align="left",
+        border_style="blue",
+    )
+
+
+def _beside(state: State) -> Any:
+    """Several estimates side by side, the whole run."""
+    from rich.table import Table
+
+    table = Table(expand=True, box=None, padding=(0, 1), header_style="dim")
+    table.add_column("whole run", no_wrap=True, min_width=21)
+    for name in state.names:
+        table.add_column(name, justify="right", min_width=11)
+    for title, show, running, _ in _ROWS:
+        if running:
+            shown = (show(state.figure(*running, of=name)) for name in state.names)
+            table.add_row(title, *shown)
+    shares = [state.figure("coverage", "time", of=name) for name in state.names]
+    table.add_row("coverage, time", *("-" if s is None else f"{100 * s:.1f} %" for s in shares))
+    return table
+
+
+def _alone(state: State) -> Any:
+    """One estimate: the whole run, the window, and how it went."""
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table(expand=True, box=None, padding=(0, 1), header_style="dim")
     table.add_column("", no_wrap=True, min_width=21)
     table.add_column("whole run", justify="right", no_wrap=True, min_width=11)
@@ -308,23 +362,7 @@ def render(state: State) -> Any:
         )
     share = state.figure("coverage", "time")
     table.add_row("coverage, time", "-" if share is None else f"{100 * share:.1f} %", "", "")
-
-    health = Table.grid(padding=(0, 1))
-    health.add_column(no_wrap=True)
-    health.add_column(no_wrap=True)
-    health.add_column()
-    order = [name for name in _HEALTH if name in state.health]
-    order += sorted(set(state.health) - set(_HEALTH))
-    for name in order:
-        entry = state.health[name]
-        level = LEVELS.get(entry.level, "?")
-        health.add_row(Text(level, style=_STYLES.get(entry.level, "")), name, entry.message)
-    return Panel(
-        Group(heading, "", table, "", health, *_log(state)),
-        title="trajeval_ros: evaluator, live",
-        title_align="left",
-        border_style="blue",
-    )
+    return table
 
 
 def _log(state: State) -> list[Any]:

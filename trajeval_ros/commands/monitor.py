@@ -23,7 +23,10 @@ _DEPARTED = ("its publisher is gone", "no publisher")
 
 
 class Monitor:
-    """A node that keeps ``state`` up to date from ``/evaluator/metrics`` and ``/diagnostics``."""
+    """A node that keeps ``state`` up to date.
+
+    From ``/evaluator/metrics``, ``/evaluator/comparison`` and ``/diagnostics``.
+    """
 
     def __init__(self, state: State) -> None:
         self._state = state
@@ -32,6 +35,9 @@ class Monitor:
         self._node = rclpy.create_node("demo", context=self._context)
         qos = QoSProfile(depth=1000)
         self._node.create_subscription(DiagnosticArray, "/evaluator/metrics", self._metrics, qos)
+        self._node.create_subscription(
+            DiagnosticArray, "/evaluator/comparison", self._comparison, qos
+        )
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, qos)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -49,12 +55,15 @@ class Monitor:
         stamp = message.header.stamp
         state.stamp = stamp.sec + stamp.nanosec * 1e-9
         for status in message.status:
-            name = status.name.rpartition(" ")[2]
-            state.metrics[name] = {
+            state.metrics[status.name] = {
                 value.key: float(value.value) for value in status.values if _is_number(value.value)
             }
         for status_name, key in TRENDS:
             state.remember(f"{status_name}/{key}", state.figure(status_name, key))
+
+    def _comparison(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._state.sentences[status.name] = status.message
 
     def _diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

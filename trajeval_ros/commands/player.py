@@ -1,6 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Publishes two trajectories in the order of time, paced by a steady clock."""
+"""Publishes trajectories in the order of time, paced by a steady clock."""
 
 from __future__ import annotations
 
@@ -81,11 +81,11 @@ class _Template:
 
 
 class Player:
-    """A node that publishes ``ground_truth``, ``estimate`` and ``/clock``.
+    """A node that publishes ``ground_truth``, the estimates by their names, and ``/clock``.
 
     ``type_name`` is the messages' type; without one, poses that come with covariances are
     PoseWithCovarianceStamped, the others PoseStamped.
-    ``time_offset`` in seconds is added to the estimate's stamps to find when it comes, not to the
+    ``time_offset`` in seconds is added to the estimates' stamps to find when it comes, not to the
     stamps that are published.
     """
 
@@ -99,11 +99,14 @@ class Player:
         clock: bool,
         ros_arguments: Sequence[str] = (),
     ) -> None:
-        self._topics = (data.ground_truth, data.estimate)
+        self._topics = (data.ground_truth, *data.estimates)
+        self._names = ("ground_truth", *data.names)
         for trajectory in self._topics:
             _check_stamps(trajectory)
         offset = np.int64(round(time_offset * SECOND))
-        self._schedule = merge(data.ground_truth.stamps, data.estimate.stamps + offset)
+        self._schedule = merge(
+            data.ground_truth.stamps, *(each.stamps + offset for each in data.estimates)
+        )
         self._rows = [
             np.concatenate([each.positions, each.quaternions], axis=1).tolist()
             for each in self._topics
@@ -127,13 +130,13 @@ class Player:
         kinds = [_kind(type_name, each) for each in self._topics]
         self._publishers: list[Publisher] = [
             self._node.create_publisher(kind, name, qos)
-            for kind, name in zip(kinds, ("ground_truth", "estimate"), strict=True)
+            for kind, name in zip(kinds, self._names, strict=True)
         ]
         self._clock = self._node.create_publisher(Clock, "/clock", 10) if clock else None
         self._templates = [
-            _Template(kind, frame) for kind, frame in zip(kinds, frames, strict=True)
+            _Template(kind, frames[min(topic, 1)]) for topic, kind in enumerate(kinds)
         ]
-        self._published = [0, 0]
+        self._published = [0] * len(kinds)
         self._started = time.monotonic()
 
     def wait_for_subscribers(self, seconds: float) -> None:
@@ -209,15 +212,15 @@ class Player:
     def wait_for_acknowledgement(self, seconds: float) -> bool:
         """Wait until every subscriber has every message; say whether that came about."""
         timeout = Duration(seconds=seconds)
-        # Of both, even when the first one fails.
+        # Of all, even when the first one fails.
         acknowledged = [publisher.wait_for_all_acked(timeout) for publisher in self._publishers]
         return all(acknowledged)
 
     def account(self) -> str:
         """Return what has been published, as one line."""
-        ground_truth, estimate = self._published
+        counts = zip(self._names, self._published, strict=True)
         elapsed = time.monotonic() - self._started
-        return f"published ground_truth {ground_truth}, estimate {estimate} in {elapsed:.1f} s"
+        return f"published {', '.join(f'{n} {count}' for n, count in counts)} in {elapsed:.1f} s"
 
     def close(self) -> None:
         """Leave ROS."""

@@ -29,7 +29,7 @@ def make_parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     console.add_version(parser)
-    inputs.add_formats(parser, _add_options)
+    inputs.add_formats(parser, _add_options, several=True)
     return parser
 
 
@@ -108,8 +108,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def replay(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
     """Read the data, and publish it."""
     data = inputs.read(inputs.recognised(arguments))
-    inputs.check_overlap(data.ground_truth, data.estimate, arguments.time_offset)
-    data = inputs.cut(arguments, data, [arguments.time_offset])
+    for estimate in data.estimates:
+        inputs.check_overlap(data.ground_truth, estimate, arguments.time_offset)
+    data = inputs.cut(arguments, data, [arguments.time_offset] * len(data.estimates))
     for remark in data.remarks:
         print(remark, flush=True)
     try:

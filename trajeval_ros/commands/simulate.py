@@ -7,15 +7,23 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from trajeval_ros.commands import completion, console
+
+if TYPE_CHECKING:
+    from trajeval_ros.commands.simulation import Poses
 
 DESCRIPTION = """\
 Make up a run and write it as two TUM files, ground_truth.txt and estimate.txt: an aggressive
 flight, ground truth at 100 Hz with noise, jittered stamps and two dropouts, an estimate at 20 Hz
 that drifts, in a world frame of its own. The same seed gives the same files."""
+
+
+# m and rad per square root of a second: a third of the other's.
+_CORRECTED = (0.004, 0.0007)
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -64,18 +72,46 @@ def write(arguments: argparse.Namespace) -> int:
 
 def write_files(directory: Path, duration: float, seed: int) -> tuple[Path, Path]:
     """Write ``ground_truth.txt`` and ``estimate.txt`` and return their paths."""
+    from trajeval_ros.commands.simulation import simulate
+
+    run = simulate(duration, seed)
+    ground_truth, estimate = _write(
+        directory, {"ground_truth.txt": run.ground_truth, "estimate.txt": run.estimate}
+    )
+    return ground_truth, estimate
+
+
+def write_two(directory: Path, duration: float, seed: int) -> tuple[Path, Path, Path]:
+    """Write a ground truth and two estimates, of which one drifts and one is corrected.
+
+    Returns the paths of ``ground_truth.txt``, ``drifting.txt`` and ``corrected.txt``.
+    """
+    from trajeval_ros.commands.simulation import simulate
+
+    run = simulate(duration, seed)
+    better = simulate(duration, seed + 1, drift_std=_CORRECTED)
+    ground_truth, drifting, corrected = _write(
+        directory,
+        {
+            "ground_truth.txt": run.ground_truth,
+            "drifting.txt": run.estimate,
+            "corrected.txt": better.estimate,
+        },
+    )
+    return ground_truth, drifting, corrected
+
+
+def _write(directory: Path, files: Mapping[str, Poses]) -> list[Path]:
     import numpy as np
 
     from trajeval_ros import se3
-    from trajeval_ros.commands.simulation import simulate
     from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
     from trajeval_ros.files.tum import write_tum
 
-    run = simulate(duration, seed)
-    paths = directory / "ground_truth.txt", directory / "estimate.txt"
+    paths = [directory / name for name in files]
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for path, poses in zip(paths, (run.ground_truth, run.estimate), strict=True):
+        for path, poses in zip(paths, files.values(), strict=True):
             position, quaternion = se3.to_position_quaternion(poses.poses)
             rows = np.arange(len(poses.stamps))
             write_tum(path, Trajectory(poses.stamps, position, quaternion, rows, str(path)))

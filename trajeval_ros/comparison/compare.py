@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +14,7 @@ import numpy.typing as npt
 from trajeval_ros.alignment.umeyama import Gauge
 from trajeval_ros.comparison.common import Coverage, Evaluated, Extent, coverage, pair_nearest
 from trajeval_ros.comparison.errors import errors_of, steps
-from trajeval_ros.comparison.ratio import Method, Ratio, Unit, best_method, ratio_of
+from trajeval_ros.comparison.ratio import Method, Ratio, Unit, best_method, ratio_in, ratio_of
 from trajeval_ros.conventional.step_pairs import StepUnit
 
 
@@ -58,6 +60,23 @@ class Comparison:
             "only_b": dataclasses.asdict(self.coverage.only_b),
             **{name: None if r is None else r.figures() for name, r in ratios.items()},
         }
+
+
+_UNITS: dict[str, Unit] = {"translation": "m", "rotation": "rad"}
+
+
+def read(figures: Mapping[str, Any]) -> Comparison:
+    """The comparison that ``summary.json`` has the ``figures`` of.
+
+    Raises:
+        LookupError, TypeError, ValueError: figures of something else.
+    """
+    ratios = {}
+    for name in ("ate_translation", "ate_rotation", "re_translation", "re_rotation"):
+        found = figures[name]
+        ratios[name] = None if found is None else ratio_in(found, _UNITS[name.partition("_")[2]])
+    covered = Coverage(*(Extent(**figures[part]) for part in ("common", "only_a", "only_b")))
+    return Comparison(figures["a"], figures["b"], covered, **ratios)
 
 
 def compare(

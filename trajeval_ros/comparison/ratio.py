@@ -36,6 +36,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -111,6 +112,18 @@ class Ratio:
             "rmse_b": self.rmse_b,
             "errors": self.errors,
         }
+
+
+def ratio_in(figures: Mapping[str, Any], unit: Unit) -> Ratio:
+    """The ratio that has these `figures`, but for its degrees of freedom."""
+    given = dict(figures)
+    interval, reason = given.pop("interval"), given.pop("reason")
+    return Ratio(
+        **given,
+        unit=unit,
+        interval=None if interval is None else (interval[0], interval[1]),
+        reason=None if reason is None else Reason(reason),
+    )
 
 
 def best_method() -> Method:
