@@ -104,6 +104,15 @@ def test_rows_sum_to_the_summary(result: te.Result) -> None:
     assert len(result.poses) == result.summary["estimate"]["evaluated"]
 
 
+def test_errors_are_those_the_ate_is_of(result: te.Result) -> None:
+    conventional = result.summary["conventional"]
+    for part in ("translation", "rotation"):
+        errors = getattr(result.poses, f"ate_{part}")
+        np.testing.assert_array_equal(np.isnan(errors), ~result.poses.sampled)
+        rms = float(np.sqrt(np.nanmean(errors**2)))
+        assert rms == pytest.approx(conventional[f"ate_{part}_rmse"], rel=1e-9)
+
+
 def test_arrays_are_as_good_as_a_file(
     run: tuple[te.Trajectory, te.Trajectory], result: te.Result
 ) -> None:

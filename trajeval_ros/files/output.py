@@ -19,7 +19,6 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -28,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.alignment.gauge import Similarity
+from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations
 
 Array = npt.NDArray[np.float64]
@@ -134,44 +133,22 @@ def _tail(sampled: bool, translation: str = "", rotation: str = "") -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Errors:
-    """The conventional absolute errors, under ATE's alignment."""
-
-    alignment: Similarity
-    has_rotation: bool
-
-    @classmethod
-    def of(cls, summary: Summary) -> _Errors | None:
-        """What the summary's ATE is of; None where there is none."""
-        figures = summary.get("conventional", {})
-        if figures.get("ate_translation_rmse") is None:
-            return None
-        pose = np.array(figures["alignment"]["pose"])
-        alignment = Similarity(
-            se3.from_position_quaternion(pose[:3], pose[3:]), figures["alignment"]["scale"]
-        )
-        return cls(alignment, figures.get("ate_rotation_rmse") is not None)
-
-    def filled(self, rows: bytes) -> bytes:
-        """Whole ``rows`` with the errors of those that ATE counts; not a byte longer."""
-        lines = rows.decode("utf-8").splitlines()
-        poses = np.loadtxt(lines, delimiter=",", usecols=_POSES, ndmin=2)
-        truth, estimate = (
-            se3.from_position_quaternion(part[:, :3], part[:, 3:])
-            for part in (poses[:, :7], poses[:, 7:])
-        )
-        moved = self.alignment.apply(estimate)
-        translation = np.linalg.norm(truth[:, :3, 3] - moved[:, :3, 3], axis=-1)
-        turns = truth[:, :3, :3].swapaxes(-1, -2) @ moved[:, :3, :3]
-        rotation = np.linalg.norm(se3.log_so3(turns), axis=-1)
-        texts = zip(map(repr, translation.tolist()), map(repr, rotation.tolist()), strict=True)
-        return "".join(
-            line[:-_TAIL] + _tail(True, metres, radians if self.has_rotation else "") + "\n"
-            if line[1 - _TAIL] == "1"
-            else f"{line}\n"
-            for line, (metres, radians) in zip(lines, texts, strict=True)
-        ).encode("utf-8")
+def _filled(rows: bytes, conventional: Summary) -> bytes:
+    """Whole ``rows`` with the errors of those that ATE counts; not a byte longer."""
+    lines = rows.decode("utf-8").splitlines()
+    poses = np.loadtxt(lines, delimiter=",", usecols=_POSES, ndmin=2)
+    truth, estimate = (
+        se3.from_position_quaternion(part[:, :3], part[:, 3:])
+        for part in (poses[:, :7], poses[:, 7:])
+    )
+    errors = ate_errors(conventional, truth, estimate)
+    texts = zip(*(map(repr, part.tolist()) for part in errors), strict=True)
+    return "".join(
+        line[:-_TAIL] + _tail(True, *(text.replace("nan", "") for text in pair)) + "\n"
+        if line[1 - _TAIL] == "1"
+        else f"{line}\n"
+        for line, pair in zip(lines, texts, strict=True)
+    ).encode("utf-8")
 
 
 class OutputFolder:
@@ -334,7 +311,7 @@ class OutputFolder:
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         steps: dict[str, Callable[[], None]] = {
             "summary.json": lambda: self._replace_summary(text, last),
-            "poses.csv": lambda: self._write_rows(last, _Errors.of(summary)),
+            "poses.csv": lambda: self._write_rows(last, summary.get("conventional", {})),
         }
         if report is not None:
             steps["report.html"] = lambda: self._replace(
@@ -377,13 +354,13 @@ class OutputFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         _replace_file(self.path / name, fill)
 
-    def _write_rows(self, last: bool, errors: _Errors | None) -> None:
+    def _write_rows(self, last: bool, conventional: Summary) -> None:
         self._append_waiting()
         self._unfilled = ""
         try:
-            if errors is not None:
+            if conventional.get("ate_translation_rmse") is not None:
                 for position, rows in self._blocks():
-                    _overwrite(self._stream.fileno(), errors.filled(rows), position)
+                    _overwrite(self._stream.fileno(), _filled(rows, conventional), position)
         except OSError as error:
             # Not worth the rows themselves.
             self._unfilled = error.strerror or str(error)

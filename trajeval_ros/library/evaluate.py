@@ -168,9 +168,9 @@ def _result(
     record: Report,
     joint: bool,
 ) -> Result:
-    poses = Poses.of([results.evaluations for results in kept])
     sources = described(truth.data.source), described(estimate.data.source)
     summary: dict[str, Any] = {**origin(record.parameters, *sources), **engine.summary(name)}
+    poses = Poses.of([results.evaluations for results in kept], summary["conventional"])
     count_left_out(summary["estimate"], estimate.data)
     count_left_out(summary["ground_truth"], truth.data)
     why = why_none(estimate.name, len(estimate), summary)
@@ -188,6 +188,7 @@ def _result(
     position_only = is_position_only(truth.data, estimate.data)
     if position_only:
         summary = without_orientation(summary)
+        poses = dataclasses.replace(poses, ate_rotation=np.full(len(poses), np.nan))
         record.notices = notices_on_positions(record.notices)
     if not position_only:
         lack: dict[str, dict[str, Any]] = {}

@@ -18,12 +18,24 @@ from trajeval_ros import se3
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations, Notice
 from trajeval_ros.report import Report
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 
+# What of a pose the engine hands out; its errors follow from the alignment of the whole run.
+_HANDED_OUT = (
+    "stamps",
+    "ground_truth",
+    "covariance",
+    "estimate",
+    "relative_error",
+    "chi2",
+    "log_likelihood",
+    "sampled",
+)
 _AXES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -42,6 +54,8 @@ class Poses:
         log_likelihood: (M,) of that step, given the past, nats; they sum to `relative`'s.
         sampled: (M,) where the ground truth was sampled as usual, not in a gap: what conventional
             figures and comparisons are of.
+        ate_translation, ate_rotation: (M,) absolute errors under `conventional.alignment`, m and
+            rad, whose root mean squares are the ATE; NaN in gaps, and where there is none.
     """
 
     stamps: Stamps
@@ -52,18 +66,18 @@ class Poses:
     chi2: Array
     log_likelihood: Array
     sampled: npt.NDArray[np.bool_]
+    ate_translation: Array
+    ate_rotation: Array
 
     @classmethod
-    def of(cls, parts: Sequence[Evaluations]) -> Poses:
-        """Join what the engine handed out."""
-        return cls(
-            **{
-                field.name: np.concatenate([getattr(part, field.name) for part in parts])
-                for field in dataclasses.fields(cls)
-                if field.name != "stamps"
-            },
-            stamps=np.concatenate([part.stamps for part in parts]),
-        )
+    def of(cls, parts: Sequence[Evaluations], conventional: Mapping[str, Any]) -> Poses:
+        """Join what the engine handed out; ``conventional``: that part of the summary."""
+        joined = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in _HANDED_OUT
+        }
+        errors = ate_errors(conventional, joined["ground_truth"], joined["estimate"])
+        translation, rotation = (np.where(joined["sampled"], part, np.nan) for part in errors)
+        return cls(**joined, ate_translation=translation, ate_rotation=rotation)
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -76,7 +90,7 @@ class Poses:
         """
         import pandas as pd
 
-        columns: dict[str, Array] = {}
+        columns: dict[str, npt.NDArray[Any]] = {}
         for prefix, poses in (("gt", self.ground_truth), ("est", self.estimate)):
             values = np.concatenate(se3.to_position_quaternion(poses), axis=1)
             names = (f"t{axis}" if len(axis) == 1 else axis for axis in _AXES)
@@ -85,6 +99,8 @@ class Poses:
         columns |= {f"std_{i}": std[:, i] for i in range(6)}
         columns |= {f"e_{i}": self.relative_error[:, i] for i in range(6)}
         columns |= {"chi2": self.chi2, "log_likelihood": self.log_likelihood}
+        columns |= {"sampled": self.sampled}
+        columns |= {"ate_translation": self.ate_translation, "ate_rotation": self.ate_rotation}
         return pd.DataFrame(columns, index=pd.Index(self.stamps, name="stamp_ns"))
 
 
