@@ -8,6 +8,8 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, overload
 
+import numpy as np
+
 from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.files.provenance import described
