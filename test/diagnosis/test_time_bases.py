@@ -103,7 +103,7 @@ def test_the_motion_tells_the_offset(offset, part):
     )
     assert found is not None
     assert found.offset == pytest.approx(offset, abs=found.within)
-    assert found.within == pytest.approx(0.05, abs=1e-6)
+    assert found.within == pytest.approx(0.15, abs=1e-6)
 
 
 def test_where_no_offset_stands_out_none_is_given():

@@ -19,6 +19,7 @@ from trajeval_ros.files.content import STANDARD_INPUT
 from trajeval_ros.files.recognise import Recognised, recognise
 from trajeval_ros.files.span import Instant, OrderError, SpanError, cut_all, span_of, words
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+from trajeval_ros.wall import shield
 
 FORMATS = ("tum", "euroc", "kitti", "bag")
 AUTO = "auto"
@@ -375,11 +376,18 @@ def check_overlap(ground_truth: Trajectory, estimate: Trajectory, time_offset: f
         # Only where it comes to that: it searches.
         from trajeval_ros.commands.overlap import likely_reason
 
+        # What goes wrong in explaining does not take the place of what is explained.
+        reason = shield(
+            "the search for the reason",
+            lambda: likely_reason(ground_truth, estimate, time_offset),
+            "",
+            lambda line: None,
+        )
         raise CommandError(
             "the trajectories do not overlap in time:"
             f" ground truth {_in_seconds(known_first)} to {_in_seconds(known_last)},"
             f" estimate {_in_seconds(first + offset)} to {_in_seconds(last + offset)}{shifted}"
-            f"{likely_reason(ground_truth, estimate, time_offset)}"
+            f"{reason}"
         )
 
 

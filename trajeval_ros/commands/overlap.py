@@ -60,12 +60,15 @@ def _by_motion(truth: Trajectory, estimate: Trajectory) -> Found | None:
     known, other = _posed(truth), _posed(estimate)
     if min(len(known[0]), len(other[0])) < 2:
         return None
-    return offset_by_motion(*known, *other)
+    # Of coordinates beyond all measure no motion is told.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return offset_by_motion(*known, *other)
 
 
 def _posed(trajectory: Trajectory) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """Increasing stamps (N,) and poses (N, 4, 4) of what is one."""
-    norms = np.linalg.norm(trajectory.quaternions, axis=1)
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(trajectory.quaternions, axis=1)
     good = np.isfinite(trajectory.positions).all(axis=1) & (np.abs(norms - 1.0) < 1e-2)
     good[1:] &= trajectory.stamps[1:] > np.maximum.accumulate(trajectory.stamps)[:-1]
     positions, quaternions = trajectory.positions[good], trajectory.quaternions[good]

@@ -251,11 +251,17 @@ class _Run:
         """
         report = self.scoring.report
         print(f"{self._title}{self._sources['estimate']} against {self._sources['ground truth']}\n")
-        share = small_share(
-            scored.summary["estimate"],
-            self._truth,
-            self.scoring.estimate,
-            float(self._parameters["estimate.time_offset"]),  # type: ignore[arg-type]
+        none: str | None = None
+        share = shield(
+            "the reason of a small share",
+            lambda: small_share(
+                scored.summary["estimate"],
+                self._truth,
+                self.scoring.estimate,
+                float(self._parameters["estimate.time_offset"]),  # type: ignore[arg-type]
+            ),
+            none,
+            report.say,
         )
         if share is not None:
             print(f"warning: {share}\n")

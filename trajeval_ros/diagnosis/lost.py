@@ -92,4 +92,5 @@ def _moved(stretch: _Stretch, stamps: Stamps, truth_stamps: Stamps, truth: Array
     between = truth[begin:end]
     if len(between) < 2:
         return 0.0
-    return float(np.linalg.norm(between - between[0], axis=1).max())
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.linalg.norm(between - between[0], axis=1).max())

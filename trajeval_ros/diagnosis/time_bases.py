@@ -166,7 +166,8 @@ def offset_by_motion(
             lag, correlation = peak
             # A lag of zero: both begin together.
             begin = float(truth_stamps[0] - estimate_stamps[0]) / SECOND
-            return Found(begin + lag * step, correlation, step)
+            # A speed is over three steps.
+            return Found(begin + lag * step, correlation, 3 * step)
     return None
 
 

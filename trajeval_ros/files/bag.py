@@ -169,7 +169,8 @@ class _Column:
     def edge(self, static: bool) -> Edge:
         """The transform that these are."""
         numbers = np.array(self._numbers, dtype=np.float64)
-        norms = np.linalg.norm(numbers[:, 3:], axis=1)
+        with np.errstate(over="ignore"):
+            norms = np.linalg.norm(numbers[:, 3:], axis=1)
         good = np.isfinite(numbers).all(axis=1) & (np.abs(norms - 1.0) < 1e-2)
         poses = se3.from_position_quaternion(numbers[good, :3], numbers[good, 3:])
         return Edge.of(np.array(self.stamps, dtype=np.int64)[good], poses, static)

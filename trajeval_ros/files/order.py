@@ -90,11 +90,12 @@ def _wrong_stamps(stamps: Integers, positions: Array) -> Mask:
     place = np.searchsorted(stamps[rest], stamps[doubted])
     outside = (place == 0) | (place == len(rest))
     earlier, later = rest[np.maximum(place - 1, 0)], rest[np.minimum(place, len(rest) - 1)]
-    there = 0.5 * (positions[earlier] + positions[later])
-    around = 0.5 * (positions[doubted - 1] + positions[doubted + 1])
-    nearer = np.linalg.norm(positions[doubted] - around, axis=1) <= np.linalg.norm(
-        positions[doubted] - there, axis=1
-    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        there = 0.5 * (positions[earlier] + positions[later])
+        around = 0.5 * (positions[doubted - 1] + positions[doubted + 1])
+        nearer = np.linalg.norm(positions[doubted] - around, axis=1) <= np.linalg.norm(
+            positions[doubted] - there, axis=1
+        )
     wrong[doubted[outside | nearer]] = True
     return wrong
 

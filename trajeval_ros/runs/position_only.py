@@ -36,7 +36,8 @@ def is_position_only(truth: Trajectory, estimate: Trajectory) -> bool:
 
 def _turned(quaternions: npt.NDArray[np.float64]) -> float:
     """How far orientations (N, 4) are from the first, at most, rad."""
-    norms = np.linalg.norm(quaternions, axis=1)
+    with np.errstate(over="ignore"):
+        norms = np.linalg.norm(quaternions, axis=1)
     known = quaternions[np.isfinite(norms) & (np.abs(norms - 1.0) < 1e-2)]
     if len(known) == 0:
         return 0.0
