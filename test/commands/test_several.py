@@ -34,7 +34,7 @@ def test_each_has_what_it_has_alone(paths: list[Path], tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert sorted(os.listdir(tmp_path / "both")) == ["dense", "sparse", "summary.json"]
     both = summary_of(tmp_path / "both")
-    assert sorted(both) == ["comparison", "estimates", "ground_truth"]
+    assert sorted(both) == ["comparison", "estimates", "ground_truth", "likely_causes"]
     for path in paths[1:]:
         name = path.stem
         alone = evaluate("tum", paths[0], path, "--output", tmp_path / name)

@@ -41,7 +41,7 @@ def test_each_is_as_it_is_alone_and_all_are_in_one_summary(two, tmp_path):
     run.close()
     assert sorted(os.listdir(tmp_path)) == ["orb", "summary.json", "vins"]
     together = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    assert list(together) == ["ground_truth", "estimates", "comparison"]
+    assert list(together) == ["ground_truth", "estimates", "comparison", "likely_causes"]
     assert together["ground_truth"]["rejected"]["undecodable"] == 2
     for name, one in zip(NAMES, two, strict=True):
         assert sorted(os.listdir(tmp_path / name)) == FILES

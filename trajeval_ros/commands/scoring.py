@@ -20,6 +20,7 @@ from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.overlap import small_share
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.words import sentence
+from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.output import FILES, OutputError, OutputFolder, write_summary
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
@@ -28,7 +29,7 @@ from trajeval_ros.report import Report, answers
 from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
-from trajeval_ros.runs.several import compared, together
+from trajeval_ros.runs.several import causes_of_all, compared, together
 from trajeval_ros.wall import shield
 
 
@@ -93,6 +94,7 @@ def score(
                 failures.append(str(error))
             run.write(found[name])
         comparisons: tuple[Comparison, ...] = ()
+        shared: tuple[Cause, ...] = ()
         if len(runs) > 1:
             none: list[str] = []
             comparisons = shield(
@@ -104,10 +106,17 @@ def score(
                 (),
                 none.append,
             )
+            shared = shield(
+                "the search for likely causes",
+                lambda: causes_of_all([one.evaluated for one in found.values()]),
+                (),
+                none.append,
+            )
             failures += none
         (summary, *_) = (one.summary for one in found.values())
         if len(runs) > 1:
-            summary = together({name: one.summary for name, one in found.items()}, comparisons)
+            alone = {name: one.summary for name, one in found.items()}
+            summary = together(alone, comparisons, shared)
         if len(runs) > 1 and output:
             try:
                 write_summary(Path(output).expanduser(), summary)
@@ -125,6 +134,7 @@ def score(
         summaries = {name: one.summary for name, one in found.items()}
         print("\n".join(figures.side_by_side(summaries)) + "\n")
         print("\n".join(f"{sentence(comparison)}." for comparison in comparisons))
+        print("".join(f"\n{cause.sentence}\n" for cause in shared), end="")
     if len(runs) > 1 and output:
         print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
     settings = settings_of(parameters, data.names)

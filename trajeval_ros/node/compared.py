@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from trajeval_ros.comparison.words import sentence
@@ -21,6 +22,8 @@ _LONGEST_PERIOD = 60.0
 class Compared:
     """The publisher of ``~/comparison``: a status a pair, ``<a> vs <b>``.
 
+    And ``ground truth``, where what the estimates have in common speaks against it.
+
     Intervals are those of blocks and Student's t, as the bootstrap's library is not in apt, and the
     bootstrap takes a hundred times as long.
     """
@@ -28,6 +31,8 @@ class Compared:
     def __init__(self, node: Node, session: Session, estimates: Sequence[Estimate]) -> None:
         """Advertise the topic."""
         self.table = Table(node, "~/comparison")
+        self._node = node
+        self._said: set[str] = set()
         self._session = session
         self._estimates = estimates
         self._next = 0.0
@@ -37,15 +42,23 @@ class Compared:
         """Publish if there is anything new, and it is time to or the ``last`` time."""
         stamps = [one.latest for one in self._estimates if one.latest is not None]
         begin = time.monotonic()
-        if not stamps or not self.table.wanted or max(stamps) == self._published:
+        if not stamps or max(stamps) == self._published:
             return
         if begin < self._next and not last:
             return
-        rows = {
-            f"{found.a} vs {found.b}": Row(flatten_comparison(found), sentence(found))
-            for found in self._session.comparisons("block_t")
-        }
-        self.table.publish(max(stamps), rows)
+        causes = self._session.causes_of_all()
+        for cause in causes:
+            if cause.code not in self._said:
+                self._said.add(cause.code)
+                self._node.get_logger().warning(cause.sentence)
+        if self.table.wanted:
+            rows = {
+                f"{found.a} vs {found.b}": Row(flatten_comparison(found), sentence(found))
+                for found in self._session.comparisons("block_t")
+            }
+            for cause in causes:
+                rows["ground truth"] = Row({}, cause.sentence, DiagnosticStatus.WARN)
+            self.table.publish(max(stamps), rows)
         self._published = max(stamps)
         cost = time.monotonic() - begin
         self._next = begin + min(cost / SHARE, _LONGEST_PERIOD)
@@ -53,3 +66,4 @@ class Compared:
     def reset(self) -> None:
         """A new run has begun."""
         self._published = None
+        self._said.clear()

@@ -140,6 +140,7 @@ class Row:
 
     values: Mapping[str, str]
     message: str = ""
+    level: bytes = DiagnosticStatus.OK
 
 
 class Table:
@@ -160,7 +161,7 @@ class Table:
         message.header.stamp = time_message(stamp)
         message.status = [
             DiagnosticStatus(
-                level=DiagnosticStatus.OK,
+                level=row.level,
                 name=name,
                 message=row.message,
                 values=[KeyValue(key=key, value=value) for key, value in row.values.items()],

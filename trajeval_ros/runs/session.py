@@ -30,7 +30,7 @@ from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.record import Record
-from trajeval_ros.runs.several import NewestPoses, alike_long, compared, together
+from trajeval_ros.runs.several import NewestPoses, alike_long, causes_of_all, compared, together
 from trajeval_ros.wall import shield
 
 _SUMMARY = "summary.json"
@@ -187,6 +187,17 @@ class Session:
             self._records[self.names[0]].report.say,
         )
 
+    def causes_of_all(self) -> tuple[Cause, ...]:
+        """What is likely wrong by what several estimates have in common, if anything is."""
+        none: tuple[Cause, ...] = ()
+        say = self._records[self.names[0]].report.say
+        return shield(
+            "the search for likely causes",
+            lambda: causes_of_all(alike_long(self._newest)),
+            none,
+            say,
+        )
+
     def figures(self, name: str | None = None) -> dict[str, object]:
         """The engine's figures, with the messages in them that could not be read."""
         return self._accounted(self.engine.figures(name), name)
@@ -267,7 +278,7 @@ class Session:
         if self.is_several:
             self._error = None
             try:
-                write_summary(folder, together(summaries, self.comparisons()))
+                write_summary(folder, together(summaries, self.comparisons(), self.causes_of_all()))
             except OutputError as error:
                 self._error = str(error)
                 failures.append(error)

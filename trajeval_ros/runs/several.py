@@ -6,12 +6,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
+from trajeval_ros.comparison.hat import shared_error
 from trajeval_ros.comparison.ratio import Method
+from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
 
@@ -33,12 +36,37 @@ def compared(
     return tuple(compare(a, b, gauge, delta, unit, method) for a, b in pairs)
 
 
+def causes_of_all(evaluated: Sequence[Evaluated]) -> tuple[Cause, ...]:
+    """Return what is likely wrong by what the estimates have in common, if anything is."""
+    found = shared_error(evaluated)
+    if found is None:
+        return ()
+    when = f"from {found.begin * 1e-9:.3f} s to {found.end * 1e-9:.3f} s"
+    text = (
+        f"{'in the whole run' if found.whole else when} {found.a} and {found.b} agree with each"
+        f" other to {_length(found.from_each_other)}, and neither comes nearer to the ground truth"
+        f" than {_length(found.from_truth)} (displacements over {found.step:.2g} s): the ground"
+        f" truth's are off by about {_length(found.truth_std)}, or they share an error"
+    )
+    advice = "see whether the ground truth's body, markers or solution changed" + (
+        "" if found.whole else ", and leave that part out"
+    )
+    return (Cause("ground_truth_or_shared", text, advice),)
+
+
+def _length(metres: float) -> str:
+    return f"{metres:.3g} m" if metres >= 0.1 else f"{100.0 * metres:.2g} cm"
+
+
 def together(
-    summaries: Mapping[str, Mapping[str, Any]], comparisons: Sequence[Comparison]
+    summaries: Mapping[str, Mapping[str, Any]],
+    comparisons: Sequence[Comparison],
+    causes: Sequence[Cause] = (),
 ) -> Figures:
     """Return the summary of several estimates against one ground truth.
 
-    ``summaries``: each one's alone, by its name. Each is as it is there, but for the ground truth,
+    ``summaries``: each one's alone, by its name; ``causes``: what is likely wrong by what they have
+    in common. Each is as it is there, but for the ground truth,
     which stands beside them.
     """
     first = next(iter(summaries.values()))
@@ -49,6 +77,7 @@ def together(
             for name, one in summaries.items()
         },
         "comparison": [comparison.figures() for comparison in comparisons],
+        "likely_causes": [asdict(cause) for cause in causes],
     }
 
 
