@@ -173,3 +173,15 @@ def test_the_summary_fits_a_terminal_of_80_columns_and_names_each_row_once(gauge
     assert len(set(names)) == len(names)
     assert ("Scale of the estimate" in "\n".join(lines)) == (gauge == "sim3")
     assert not any(name.startswith(("RE, last", "AE")) for name in names)
+
+
+def test_long_lines_are_wrapped_for_a_terminal_and_for_nothing_else() -> None:
+    line = "Error         jitter 1.07 ± 0.17 mm, 0.0439 ± 0.0062 deg; wander " + 8 * "8.34 mm "
+    pieces = console.wrapped([line, "", "short"], 14, 80)
+    assert max(map(len, pieces)) <= 80
+    assert pieces[0].startswith("Error         jitter")
+    assert pieces[1].startswith(14 * " " + "8.34 mm")
+    assert pieces[-2:] == ["", "short"]
+    assert " ".join(" ".join(pieces).split()) == " ".join(f"{line} short".split())
+    # A test's output is no terminal.
+    assert console.wrapped([line], 14) == [line]

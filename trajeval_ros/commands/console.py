@@ -10,8 +10,9 @@ import errno
 import os
 import signal
 import sys
+import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Self, TextIO
 
@@ -138,6 +139,29 @@ def duration(seconds: float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60:02d} s"
     return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def wrapped(lines: Iterable[str], indent: int, width: int | None = None) -> list[str]:
+    """Return lines as a terminal of ``width`` columns takes them, what goes on indented.
+
+    Without a terminal they stay as they are: what reads them goes by lines.
+    """
+    if width is None:
+        width = os.get_terminal_size(sys.stdout.fileno()).columns if sys.stdout.isatty() else 0
+    if width < 2 * indent + 1:
+        return list(lines)
+    return [
+        piece
+        for line in lines
+        for piece in textwrap.wrap(
+            line,
+            width,
+            subsequent_indent=" " * indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        or [""]
+    ]
 
 
 class Progress:

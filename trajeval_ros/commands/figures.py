@@ -155,7 +155,7 @@ def no_drift(drift: Figures) -> str:
     if path is not None and drift.get("all_pairs") is None:
         return "it takes orientations"
     if path is not None:
-        return f"the path is {number(path)} m long, and no sub-trajectory of 100 m is in it"
+        return f"the path is {number(path)} m long, and it takes 100 m and more"
     return "the path is not known beyond the ground truth's noise, or the scale not at all"
 
 

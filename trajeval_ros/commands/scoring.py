@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from trajeval_ros import se3
-from trajeval_ros.commands import figures
+from trajeval_ros.commands import console, figures
 from trajeval_ros.commands.baseline import Baseline, Judgement, judge
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.inputs import Inputs
@@ -278,7 +278,7 @@ class _Run:
         lines = answers.error_model_lines(scored.summary.get("error_model"))
         earlier = None if before is None else before.summary
         lines += answers.applied_lines(earlier, scored.summary, tuple(applied))
-        print("\n".join([*lines, ""] if lines else []))
+        print("\n".join([*console.wrapped(lines, 14), ""] if lines else []))
         print("\n".join(figures.summary_lines(scored.summary, self._parameters)))
         remarks = [
             f"likely cause: {cause['text']}. To try: {cause['advice']}."
@@ -288,7 +288,7 @@ class _Run:
         remarks += scored.places
         remarks += [f"error: {line}" for line in report.defects]
         if remarks:
-            print("\n" + "\n".join(remarks))
+            print("\n" + "\n".join(console.wrapped(remarks, 4)))
         written = [name for name in FILES if name not in self.failures]
         if self._folder is not None and written:
             print(f"\nWritten: {', '.join(written)} in {self._folder.path}")
