@@ -78,6 +78,17 @@ def test_the_same_in_python(run: tuple[Path, Path], known: float, tmp_path: Path
     assert summary["conventional"]["ate_translation_rmse"] == pytest.approx(known, rel=1e-3)
 
 
+def test_two_estimates_are_compared_by_their_positions(
+    run: tuple[Path, Path], tmp_path: Path
+) -> None:
+    truth = te.read_tum(rewritten(run[0], tmp_path / "truth.txt", lambda row: row[:4]))
+    estimate = te.read_tum(run[1])
+    (comparison,) = te.evaluate(truth, {"a": estimate, "b": estimate}).comparison
+    assert comparison.ate_translation is not None
+    assert comparison.ate_rotation is None
+    assert comparison.re_translation is None
+
+
 def test_a_robot_that_never_turns_has_an_orientation(tmp_path: Path) -> None:
     stamps = [0.05 * i for i in range(400)]
     for name, scale in (("truth", 1.0), ("estimate", 1.01)):

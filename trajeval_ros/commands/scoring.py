@@ -29,6 +29,7 @@ from trajeval_ros.report import Report, answers
 from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
+from trajeval_ros.runs.position_only import comparisons_on_positions
 from trajeval_ros.runs.several import causes_of_all, compared, together
 from trajeval_ros.wall import shield
 
@@ -99,9 +100,12 @@ def score(
             none: list[str] = []
             comparisons = shield(
                 "the comparison",
-                lambda: compared(
-                    [one.evaluated for one in found.values()],
-                    settings_of(parameters, data.names).evaluation,
+                lambda: comparisons_on_positions(
+                    compared(
+                        [one.evaluated for one in found.values()],
+                        settings_of(parameters, data.names).evaluation,
+                    ),
+                    {name: one.summary for name, one in found.items()},
                 ),
                 (),
                 none.append,

@@ -27,6 +27,7 @@ from trajeval_ros.runs.error_models import error_models, put_into
 from trajeval_ros.runs.offline import causes_of_rows, count_left_out, why_none
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
+    comparisons_on_positions,
     is_position_only,
     notices_on_positions,
     without_orientation,
@@ -134,7 +135,9 @@ def _evaluate(
         _compared(name, one.poses, engine.settings.estimates[name].time_offset)
         for name, one in found_of.items()
     ]
-    return found_of, list(compared(evaluated, engine.settings.evaluation))
+    summaries = {name: one.summary for name, one in found_of.items()}
+    comparisons = compared(evaluated, engine.settings.evaluation)
+    return found_of, list(comparisons_on_positions(comparisons, summaries))
 
 
 def _cut(

@@ -8,12 +8,15 @@ orientation is of the constant one, and is left out.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.results import Notice
 
@@ -75,6 +78,17 @@ def without_orientation(summary: Figures) -> Figures:
         result["drift"] = {**nothing, "path_length": path, "sub_trajectories": []}
     result["position_only"] = True
     return result
+
+
+def comparisons_on_positions(
+    comparisons: Iterable[Comparison], summaries: Mapping[str, Mapping[str, Any]]
+) -> tuple[Comparison, ...]:
+    """Comparisons without what contains an orientation, where either has none."""
+    alone = {name for name, summary in summaries.items() if summary.get("position_only")}
+    nothing: dict[str, Any] = dict.fromkeys(("ate_rotation", "re_translation", "re_rotation"))
+    return tuple(
+        replace(each, **nothing) if alone & {each.a, each.b} else each for each in comparisons
+    )
 
 
 def notices_on_positions(notices: tuple[Notice, ...]) -> tuple[Notice, ...]:
