@@ -202,14 +202,11 @@ class GroundTruth:
         found = answers(
             [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts], twists
         )
-        poses, covariances = _blend(len(stamps), parts, found)
+        poses, covariances, mixed = _blend(len(stamps), parts, found)
         cross = None
         if joint is not None and len(stamps):
             cross = joint.extend(stamps, until, covariances, parts, found)
-        moving = None
-        if twists and found.twists is not None:
-            moving = _mixed(len(stamps), parts, found.twists)
-        return Posterior(poses, covariances, self._sampled(stamps), cross, moving)
+        return Posterior(poses, covariances, self._sampled(stamps), cross, mixed)
 
     def _sampled(self, stamps: Stamps) -> Mask:
         """Which of ``stamps`` (q,) do not lie in a gap, by the samples up to the next one."""
@@ -255,8 +252,8 @@ def _parts(blended: Blended, order: Stamps, sorted_stamps: Stamps, until: Stamps
         yield Part(index, segment, segment.epochs[number], asked[here], share[here])
 
 
-def _blend(count: int, parts: list[Part], found: Answer) -> tuple[Array, Array]:
-    """The poses (q, 4, 4) and covariances (q, 6, 6) of so many queries, of all parts' found.
+def _blend(count: int, parts: list[Part], found: Answer) -> tuple[Array, Array, Twists | None]:
+    """The poses (q, 4, 4), covariances (q, 6, 6) and twists of so many queries.
 
     One segment answers a query, or the two of a hand-over: it ends before the next one begins.
     """
@@ -265,27 +262,25 @@ def _blend(count: int, parts: list[Part], found: Answer) -> tuple[Array, Array]:
     total = np.bincount(asked, share, count)
     if (np.abs(total - 1.0) > 1e-6).any():
         raise ValueError("a query lies before the retained segments")
-    weighted = share[:, None, None] * found.covariances
     first = np.empty(count, dtype=np.intp)
     first[asked[::-1]] = np.arange(len(asked))[::-1]  # of two, the last one written
-    poses, covariances = found.poses[first], weighted[first]
     second = np.flatnonzero(first[asked] != np.arange(len(asked)))
+    query = asked[second]
+
+    def mixed(values: Array) -> Array:
+        weighted = share.reshape(-1, *[1] * (values.ndim - 1)) * values
+        sums = weighted[first]
+        sums[query] += weighted[second]
+        return np.asarray(sums)
+
+    poses = found.poses[first]
     if len(second):
-        query = asked[second]
         ratio = share[second] / total[query]
         poses[query] = se3.interpolate(poses[query], found.poses[second], ratio)
-        covariances[query] += weighted[second]
-    return poses, covariances
-
-
-def _mixed(count: int, parts: list[Part], twists: Twists) -> Twists:
-    """The twists of so many queries, of all parts'."""
-    asked = np.concatenate([np.empty(0, dtype=np.intp), *(part.asked for part in parts)])
-    share = np.concatenate([np.empty(0), *(part.share for part in parts)])
-    means, covariances = np.zeros((count, 6)), np.zeros((count, 6, 6))
-    np.add.at(means, asked, share[:, None] * twists.means)
-    np.add.at(covariances, asked, share[:, None, None] * twists.covariances)
-    return Twists(means, covariances)
+    twists = None
+    if found.twists is not None:
+        twists = Twists(mixed(found.twists.means), mixed(found.twists.covariances))
+    return poses, mixed(found.covariances), twists
 
 
 def _usual(intervals: Stamps, index: Stamps) -> Array:
