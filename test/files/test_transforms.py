@@ -11,7 +11,7 @@ from trajeval_ros import se3
 from trajeval_ros.alignment.umeyama import align_positions
 from trajeval_ros.files.bag import read_bag
 from trajeval_ros.files.trajectory import TrajectoryFileError
-from trajeval_ros.files.transforms import Edge, composed, way
+from trajeval_ros.files.transforms import Edge, composed, finest, way
 
 BAGS = pathlib.Path(__file__).parents[2] / ".." / "shared" / "data" / "rosbags"
 SECOND = 1_000_000_000
@@ -49,14 +49,16 @@ def test_composed_at_the_stamps_of_the_finest_edge():
         ("odom", "base"): edge(fast, 2),
         ("imu", "base"): Edge.of(np.array([5]), turn[None], True),
     }
-    stamps, poses, finest = composed(edges, way(edges, "map", "imu"))
-    assert finest == ("odom", "base")
+    steps = way(edges, "map", "imu")
+    timed_by = finest(edges, steps)
+    stamps, poses = composed(edges, steps, timed_by)
+    assert timed_by == ("odom", "base")
     seconds = stamps / SECOND
     assert (seconds[0], seconds[-1]) == (1.0, 8.5)
     assert len(stamps) == 376
     expected = se3.compose(se3.compose(moving(seconds, 1), moving(seconds, 2)), se3.inverse(turn))
     np.testing.assert_allclose(poses, expected, atol=1e-12)
-    back = composed(edges, way(edges, "imu", "map"))[1]
+    back = composed(edges, way(edges, "imu", "map"), timed_by)[1]
     np.testing.assert_allclose(back, se3.inverse(expected), atol=1e-12)
 
 

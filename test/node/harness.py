@@ -52,7 +52,11 @@ def environment(domain: int, folder: Path) -> dict[str, str]:
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHONPATH": os.pathsep.join(
-            [str(blocked.parent), str(ROOT), str(ROOT / "test"), str(HERE)]
+            # Last, what is there already: a ROS machine's packages, or message packages made by hand.
+            [
+                *map(str, (blocked.parent, ROOT, ROOT / "test", HERE)),
+                *filter(None, [os.environ.get("PYTHONPATH")]),
+            ]
         ),
         "RCUTILS_COLORIZED_OUTPUT": "0",
     }

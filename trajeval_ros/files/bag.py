@@ -25,7 +25,7 @@ from trajeval_ros import se3
 from trajeval_ros.files.salvage import lone_bag, salvaged
 from trajeval_ros.files.text import PathLike
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
-from trajeval_ros.files.transforms import Edge, composed, way
+from trajeval_ros.files.transforms import Edge, composed, finest, way
 
 Progress = Callable[[int, int], None]
 """Called with the number of messages read, and of all there are to read."""
@@ -213,9 +213,10 @@ def _composed(source: str, reader: Any, topic: str, name: str) -> tuple[_Column,
     steps = way(edges, parent, child)
     if not steps:
         raise TrajectoryFileError(source, f"{parent!r} and {child!r} are not connected on {topic}")
-    stamps, poses, finest = composed(edges, steps)
+    timed_by = finest(edges, steps)
+    stamps, poses = composed(edges, steps, timed_by)
     positions, quaternions = se3.to_position_quaternion(poses)
-    row = dict(zip(columns[finest].stamps, columns[finest].rows, strict=True))
+    row = dict(zip(columns[timed_by].stamps, columns[timed_by].rows, strict=True))
     result = _Column()
     for stamp, p, q in zip(stamps.tolist(), positions.tolist(), quaternions.tolist(), strict=True):
         result.add(_Pose(stamp, (*p, *q), None, row[stamp]))

@@ -80,24 +80,30 @@ def way(edges: Collection[Frames], parent: str, child: str) -> tuple[tuple[Frame
     return tuple(reversed(result))
 
 
+def finest(edges: Mapping[Frames, Edge], steps: Collection[tuple[Frames, bool]]) -> Frames:
+    """Of the edges on the way that move the one with most stamps."""
+    moving = [frames for frames, _ in steps if not edges[frames].static]
+    return max(moving or [next(iter(steps))[0]], key=lambda frames: len(edges[frames].stamps))
+
+
 def composed(
-    edges: Mapping[Frames, Edge], steps: Collection[tuple[Frames, bool]]
-) -> tuple[Integers, Array, Frames]:
+    edges: Mapping[Frames, Edge], steps: Collection[tuple[Frames, bool]], timed_by: Frames
+) -> tuple[Integers, Array]:
     """``T_parent_child`` along the ``steps`` of `way`.
 
-    Where the edges that move are all known: at the stamps of the finest, the one with most of them.
+    At the stamps of the edge ``timed_by`` where those that move are all known.
 
     Returns:
-        Stamps (N,), poses (N, 4, 4), and the edge whose stamps they are.
+        Stamps (N,), poses (N, 4, 4).
     """
-    moving = [frames for frames, _ in steps if not edges[frames].static]
-    finest = max(moving or [next(iter(steps))[0]], key=lambda frames: len(edges[frames].stamps))
-    stamps = edges[finest].stamps
-    for frames in moving:
+    stamps = edges[timed_by].stamps
+    for frames, _ in steps:
         known = edges[frames].stamps
+        if edges[frames].static:
+            continue
         stamps = stamps[(stamps >= known[0]) & (stamps <= known[-1])]
     poses = np.tile(np.eye(4), (len(stamps), 1, 1))
     for frames, backward in steps:
         pose = edges[frames].at(stamps)
         poses = se3.compose(poses, se3.inverse(pose) if backward else pose)
-    return stamps, poses, finest
+    return stamps, poses

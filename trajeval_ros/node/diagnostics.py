@@ -157,7 +157,8 @@ def _check_presence(state: InputState, health: TopicHealth, traffic: Traffic) ->
     if not state.publishers:
         text = "no publisher" if traffic.silence is None else "its publisher is gone"
         return [Finding(Level.WARN, f"{state.topic}: {text}")]
-    if len(state.publishers) > 1:
+    # Many publish transforms, each its own.
+    if len(state.publishers) > 1 and not state.is_shared:
         nodes = ", ".join(sorted({publisher.node for publisher in state.publishers}))
         return [
             Finding(

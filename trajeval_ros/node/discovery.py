@@ -47,7 +47,7 @@ def plan(
     publishers: Sequence[Endpoint],
     type_name: str,
     reliability: str,
-    known: dict[str, str],
+    known: Mapping[str, str],
     current: Offer | None,
 ) -> Plan:
     """Decide how to subscribe to ``topic`` (its resolved name, for the messages).
@@ -101,7 +101,7 @@ def waiting(
 
 
 def _choose_type(
-    readable: Sequence[Endpoint], type_name: str, known: dict[str, str], current: Offer | None
+    readable: Sequence[Endpoint], type_name: str, known: Mapping[str, str], current: Offer | None
 ) -> str | None:
     if type_name != "auto":
         return type_name
@@ -115,7 +115,7 @@ def _choose_type(
 def _type_problems(
     topic: str,
     publishers: Sequence[Endpoint],
-    known: dict[str, str],
+    known: Mapping[str, str],
     chosen: str | None,
     type_name: str,
 ) -> tuple[str, ...]:

@@ -27,8 +27,9 @@ from trajeval_ros.node.inputs import BATCH, KNOWN, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Table, flush
 from trajeval_ros.node.schedule import Schedule
+from trajeval_ros.node.transforms import TransformInput
 from trajeval_ros.node.visualization import Visualization
-from trajeval_ros.online.parameters import ONE, names_in, table
+from trajeval_ros.online.parameters import ONE, Value, names_in, table
 from trajeval_ros.online.reference import LEARNED, is_of_ground_truth
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.samples import PoseSamples
@@ -62,6 +63,14 @@ _LAST_ARRIVALS = 0.5
 _Arrived = list[PoseSamples | None]
 
 
+def _input(node: Node, name: str, values: Mapping[str, Value]) -> Input:
+    topic = str(values[f"{name}.topic"]) or name
+    reliability = str(values[f"{name}.reliability"])
+    if ":" in topic:
+        return TransformInput(node, topic, reliability)
+    return Input(node, topic, str(values[f"{name}.type"]), reliability)
+
+
 class Evaluator(Node):
     """Scores estimated trajectories against one ground truth while all arrive."""
 
@@ -77,8 +86,7 @@ class Evaluator(Node):
         values = parameters.declare(self)
         names = names_in(values)
         self._ground_truth, *inputs = self._inputs = [
-            Input(self, name, str(values[f"{name}.type"]), str(values[f"{name}.reliability"]))
-            for name in ("ground_truth", *names)
+            _input(self, name, values) for name in ("ground_truth", *names)
         ]
         topics = (source.state.topic for source in self._inputs)
         self._session = Session(values, dict(zip(("ground truth", *names), topics, strict=True)))

@@ -10,7 +10,8 @@ empties it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -18,7 +19,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from trajeval_ros.node.decode import POSE_TYPES, Decoded, PoseType, decode
+from trajeval_ros.node.decode import POSE_TYPES, Decoded, decode
 from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan
 
 # Long enough for the seconds that learning the hyperparameters or writing the report may take: of
@@ -60,6 +61,8 @@ class InputState:
     plan: Plan
     lost: int
     frame_changes: int
+    is_shared: bool = False
+    """Whether several publishers on the topic are as it should be."""
 
 
 class Input:
@@ -69,8 +72,11 @@ class Input:
     there is one publisher (rclpy does not say which one a message is from).
     """
 
+    _known: Mapping[str, str] = KNOWN
+    _is_shared = False
+
     def __init__(self, node: Node, name: str, type_name: str, reliability: str) -> None:
-        """Make the input ``name`` (a relative topic name, open to remapping)."""
+        """Make the input ``name`` (a topic name, open to remapping)."""
         self._node = node
         self._name = name
         self._type_name = type_name
@@ -94,12 +100,16 @@ class Input:
     @property
     def state(self) -> InputState:
         """What the diagnostics need."""
+        problem = self._problem
         return InputState(
             self._topic,
             self._publishers,
-            self._plan,
+            self._plan
+            if problem is None
+            else replace(self._plan, problems=(*self._plan.problems, problem)),
             self._lost,
             self._frame_changes,
+            self._is_shared,
         )
 
     @property
@@ -117,7 +127,7 @@ class Input:
             self._identities, self._sequence = identities, None
         before = self._plan.offer
         after = plan(
-            self._topic, self._publishers, self._type_name, self._reliability, KNOWN, before
+            self._topic, self._publishers, self._type_name, self._reliability, self._known, before
         )
         if after.offer != before and self._subscription is not None:
             # What the old subscription still holds would go with it.
@@ -135,7 +145,7 @@ class Input:
     def _subscribe(self, offer: Offer) -> None:
         self._sequence = None
         self._subscription = self._node.create_subscription(
-            POSE_TYPES[offer.type_name].message,
+            self._message(offer.type_name),
             self._name,
             _never,
             QoSProfile(
@@ -159,22 +169,33 @@ class Input:
         offer = self._plan.offer
         if self._subscription is None or offer is None:
             return None
-        pose_type = POSE_TYPES[offer.type_name]
-        messages = self._drain(self._subscription, pose_type)
+        messages = self._drain(self._subscription, self._message(offer.type_name))
         if not messages:
             return None
         self.heard = True
-        decoded = decode(pose_type, messages)
+        decoded = self._decode(offer.type_name, messages)
         if len(decoded.samples):
             self._note_frames(decoded)
         return decoded
 
-    def _drain(self, subscription: Subscription, pose_type: PoseType) -> list[bytes]:
+    @property
+    def _problem(self) -> str | None:
+        """Why what is heard is of no use."""
+        return None
+
+    def _message(self, type_name: str) -> Any:
+        """The class of a type's messages, by the type's short name."""
+        return POSE_TYPES[type_name].message
+
+    def _decode(self, type_name: str, messages: Sequence[bytes]) -> Decoded:
+        return decode(POSE_TYPES[type_name], messages)
+
+    def _drain(self, subscription: Subscription, message: Any) -> list[bytes]:
         messages: list[bytes] = []
         with subscription.handle:
             take = subscription.handle.take_message
             while len(messages) < BATCH:
-                taken = take(pose_type.message, True)
+                taken = take(message, True)
                 if taken is None:
                     break
                 messages.append(taken[0])

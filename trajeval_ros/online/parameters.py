@@ -39,6 +39,8 @@ class Parameter:
     upper: float | None = None
     choices: tuple[str, ...] = ()
     dynamic: bool = False
+    pattern: str = ""
+    """What a string that is not empty must match as a whole."""
 
     def validate(self, value: object) -> Value:
         """Return ``value`` in the parameter's type; raises :class:`ParameterError`."""
@@ -47,6 +49,8 @@ class Parameter:
             raise ParameterError(
                 f"{self.name} must be one of {', '.join(self.choices)}, got {converted!r}"
             )
+        if self.pattern and converted and not re.fullmatch(self.pattern, str(converted)):
+            raise ParameterError(f"{self.name}: {converted!r} is neither a topic nor a transform")
         if isinstance(converted, float | int) and not isinstance(converted, bool):
             self._check_range(float(converted))
         if isinstance(converted, tuple) and isinstance(self.default, tuple):
@@ -101,9 +105,18 @@ IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 MESSAGE_TYPES = ("PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped")
 
+_TOPIC = r"~?/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*(:[^:.]+\.[^:]+)?"
+
 
 def _topic(name: str, title: str) -> tuple[Parameter, ...]:
     return (
+        Parameter(
+            f"{name}.topic",
+            "",
+            f"Topic of the {title} or, as /tf:map.base_link, a transform composed along the tree;"
+            f" empty: {name}",
+            pattern=_TOPIC,
+        ),
         Parameter(
             f"{name}.type",
             "auto",
