@@ -52,7 +52,7 @@ def environment(domain: int, folder: Path) -> dict[str, str]:
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHONPATH": os.pathsep.join(
-            # Last, what is there already: a ROS machine's packages, or message packages made by hand.
+            # Last, what is there: a ROS machine's packages, message packages made by hand.
             [
                 *map(str, (blocked.parent, ROOT, ROOT / "test", HERE)),
                 *filter(None, [os.environ.get("PYTHONPATH")]),
