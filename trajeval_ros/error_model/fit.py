@@ -46,6 +46,7 @@ _ITERATIONS = 8
 # A rough search ends where another step gains less than this, nats, and after a few steps.
 _ROUGH_GAIN = 0.2
 _FEW = 6
+_FULL = 25
 # A search begins in so many poses, since each step of it takes time.
 _STRETCH = 300
 # A step of less than this share of its standard deviation is the last.
@@ -229,7 +230,7 @@ def _first(kind: Kind, drift: Maximum) -> Array:
     known = drift.parameters
     interval = float(np.median(np.diff(drift.data.times)))
     starts = []
-    for time in (0.5, 5.0, 50.0) if kind is Kind.WANDER else (0.1, 0.5, 2.5):
+    for time in (0.5, 5.0, 50.0) if kind is Kind.WANDER else (0.5,):
         if time > max(span, 0.5):
             continue
         begin = rough(kind, drift.data, max(time, 2.0 * interval))
@@ -306,7 +307,9 @@ class _Problem:
                 data = replace(data, measured=found.data.measured, moved=found.data.moved)
                 found = at(found.kind, found.parameters, data, gauge)
             else:
-                found = maximum(found.kind, found.parameters, data, gauge, _ROUGH_GAIN, _FEW // 2)
+                # Other poses have no weights yet.
+                rounds = _FEW // 2 if same else _FULL
+                found = maximum(found.kind, found.parameters, data, gauge, _ROUGH_GAIN, rounds)
         return nuisances, found
 
     def exact(self, nuisances: Nuisances, found: Maximum) -> Maximum:
@@ -314,8 +317,9 @@ class _Problem:
         if not self.enough(nuisances):
             return found
         data, gauge = self._prepared(nuisances)
-        if len(found.data.times) == len(data.times):
-            data = replace(data, measured=found.data.measured, moved=found.data.moved)
+        if len(found.data.times) != len(data.times):
+            return maximum(found.kind, found.parameters, data, gauge)
+        data = replace(data, measured=found.data.measured, moved=found.data.moved)
         return at(found.kind, found.parameters, data, gauge)
 
     def _prepared(self, nuisances: Nuisances, near: bool = False) -> tuple[Data, Array]:
