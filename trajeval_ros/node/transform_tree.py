@@ -20,6 +20,7 @@ from trajeval_ros.files.transforms import Edge, Frames, composed, way
 
 MEMORY = 10_000_000_000
 """How far back an edge is known, ns: tf2's own default."""
+_SLACK = MEMORY // 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +46,18 @@ class _History:
 
     static: bool
     values: dict[int, tuple[float, ...]] = field(default_factory=dict)
-
-    @property
-    def newest(self) -> int:
-        return max(self.values)
+    newest: int = 0
 
     def add(self, each: Transform) -> None:
         if self.static:
             self.values.clear()
+        self.newest = max(self.newest, each.stamp) if self.values else each.stamp
         self.values[each.stamp] = (*each.position, *each.quaternion)
 
     def forget(self, before: int) -> None:
-        """Let go of what lies before a stamp, but for the newest of it."""
+        """Let go of what lies before a stamp, but for the newest of it; once it is worth it."""
+        if not self.values or next(iter(self.values)) > before - _SLACK:
+            return
         old = sorted(stamp for stamp in self.values if stamp <= before)
         for stamp in old[:-1]:
             del self.values[stamp]
@@ -78,6 +79,8 @@ class TransformTree:
         self._steps: tuple[tuple[Frames, bool], ...] = ()
         self._finest: Frames | None = None
         self._made: int | None = None
+        self.unusable = 0
+        """Transforms on the way, so far, that are not finite or whose quaternion is none."""
         self._ready: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]] = []
 
     @property
@@ -96,13 +99,17 @@ class TransformTree:
         return f"{self.parent!r} and {self.child!r} are not connected"
 
     def add(self, transforms: Iterable[Transform], static: bool) -> None:
-        """Take usable transforms, in the order of their arrival.
+        """Take transforms in the order of their arrival; `unusable` ones on the way are counted.
 
         A frame has one parent, as in tf2: a new one replaces the old. Stamps that go back by more
         than is remembered begin anew.
         """
         for each in transforms:
             edge = (_frame(each.parent), _frame(each.child))
+            if not each.is_usable:
+                # What is wrong with another joint of the robot is not of interest.
+                self.unusable += any(edge == step for step, _ in self._steps)
+                continue
             history = self._edges.get(edge)
             if history is None or history.static != static:
                 history = self._change(edge, static)

@@ -92,8 +92,9 @@ class TransformInput(Input):
         return Decoded(samples, frames, self._tree.child, undecodable)
 
     def _add(self, messages: Sequence[bytes], static: bool) -> int:
-        """Let the tree grow; return how many messages could not be read."""
+        """Let the tree grow; return how many messages or transforms could not be used."""
         undecodable = 0
+        unusable = self._tree.unusable
         for raw in messages:
             try:
                 message = deserialize_message(raw, self._tf_message)
@@ -101,8 +102,8 @@ class TransformInput(Input):
             except Exception:  # noqa: BLE001
                 undecodable += 1
                 continue
-            self._tree.add((t for t in _transforms(message) if t.is_usable), static)
-        return undecodable
+            self._tree.add(_transforms(message), static)
+        return undecodable + self._tree.unusable - unusable
 
 
 def _tf_message() -> Any:
