@@ -17,6 +17,7 @@ NAMES = {
     "ground_truth": "queries, learning and appending, beside scikit-learn; memory of an hour",
     "likelihoods": "windowed RE beside bare LAPACK; the cost and memory of a million poses",
     "commands": "the command evaluate as a process, beside evo_ape and evo_rpe",
+    "estimates": "what a second estimate costs beside the first, and ten",
     "node": "the node's cost a message beside a bare subscriber's; its delay",
 }
 

@@ -169,9 +169,9 @@ def test_several_poses_of_a_batch_that_the_covariance_does_not_go_on_with(monkey
     list(feed(expected, run.ground_truth, where(run.estimate, kept)))
     posterior = GroundTruth.posterior
 
-    def overrelated(self, stamps, until, joint):
+    def overrelated(self, stamps, until, joint, twists):
         """Says of some poses that they are related more closely than any can be."""
-        answer = posterior(self, stamps, until, joint)
+        answer = posterior(self, stamps, until, joint, twists)
         factors = np.where(np.isin(stamps, wrong), 1e3, 1.0)
         cross = tuple(f * c for f, c in zip(factors, answer.cross, strict=True))
         return dataclasses.replace(answer, cross=cross)

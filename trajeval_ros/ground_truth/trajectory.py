@@ -76,6 +76,15 @@ class Posterior:
     cross: tuple[Array, ...] | None = None
     twists: Twists | None = None
 
+    def __getitem__(self, index: slice) -> Posterior:
+        """Some of the poses, without ``cross``."""
+        twists = self.twists
+        if twists is not None:
+            twists = Twists(twists.means[index], twists.covariances[index])
+        return Posterior(
+            self.poses[index], self.covariances[index], self.sampled[index], None, twists
+        )
+
 
 class GroundTruth:
     """Overlapping Gaussian-process segments (``docs/method.md``, Ground truth)."""

@@ -16,13 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.error_model.nuisances import Truth
+from trajeval_ros.ground_truth.trajectory import Posterior
 from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.parameters import ONE, ParameterError, Value, complete, table
 from trajeval_ros.online.reference import Reference
 from trajeval_ros.online.results import Health, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import Settings, settings_of
-from trajeval_ros.online.track import Track
+from trajeval_ros.online.track import Question, Track
 
 Stamps = npt.NDArray[np.int64]
 
@@ -120,7 +121,7 @@ class Engine:
         if now is not None:
             self._reference.confirm(now - self._settings.timing.max_wait)
             self._pass_on()
-        found = {name: track.advance(now) for name, track in self._tracks.items()}
+        found = self._answered([track.advance(now) for track in self._tracks.values()])
         self._forget()
         return found
 
@@ -133,7 +134,29 @@ class Engine:
         """No more data will come: evaluate or reject all that is pending."""
         self._reference.conclude()
         self._pass_on()
-        return {name: track.finish() for name, track in self._tracks.items()}
+        return self._answered([track.finish() for track in self._tracks.values()])
+
+    def _answered(self, questions: Sequence[Question]) -> dict[str, Results]:
+        """Ask the ground truth once for all tracks, and score each by its part of the answer."""
+        ask = self._reference.ground_truth.posterior
+        answers: list[Posterior | None]
+        if any(question.joint is not None for question in questions):
+            answers = [
+                ask(q.stamps, q.until, q.joint, twists=True) if len(q.stamps) else None
+                for q in questions
+            ]
+        else:
+            counts = [len(question.stamps) for question in questions]
+            if not sum(counts):
+                answers = [None] * len(counts)
+            else:
+                stamps, until = (
+                    np.concatenate([getattr(question, part) for question in questions])
+                    for part in ("stamps", "until")
+                )
+                answers = _divided(ask(stamps, until, twists=True), counts)
+        scored = zip(self._tracks.items(), answers, strict=True)
+        return {name: track.score(answer) for (name, track), answer in scored}
 
     def _pass_on(self) -> None:
         """Tell every track the samples that were let in."""
@@ -197,3 +220,13 @@ class Engine:
         if name not in self._tracks:
             raise ValueError(f"no estimate is called {name}: there is {', '.join(self._names)}")
         return name
+
+
+def _divided(answer: Posterior, counts: Sequence[int]) -> list[Posterior | None]:
+    """The answer's parts, of so many queries each; None for none."""
+    parts: list[Posterior | None] = []
+    end = 0
+    for count in counts:
+        part, end = slice(end, end + count), end + count
+        parts.append(answer[part] if count else None)
+    return parts

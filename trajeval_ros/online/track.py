@@ -15,6 +15,7 @@ from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.ground_truth.joint import JointCovariance
 from trajeval_ros.ground_truth.segment import Samples
+from trajeval_ros.ground_truth.trajectory import Posterior
 from trajeval_ros.likelihood.gaussian import CovarianceError, positive_definite
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.coverage import Presence, coverage
@@ -36,6 +37,15 @@ Mask = npt.NDArray[np.bool_]
 _SELF_CHECK = 1e-6
 _STRAINED = 0.2
 _FAR_MORE_RARELY = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """The ground truth at ``stamps`` (n,), ns, by the samples up to ``until`` (n,); ``joint``ly."""
+
+    stamps: Stamps
+    until: Stamps
+    joint: JointCovariance | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +97,7 @@ class Track:
         self._estimates = Intake(settings.use_covariance)
         self._evaluation = Evaluation(evaluation)
         self._joint = JointCovariance() if evaluation.joint else None
-        self._pending = _NOBODY
+        self._pending = self._chosen = _NOBODY
         self._newest_estimate: int | None = None
         self._withdrawn = Withdrawn()
         self._first_singular: int | None = None
@@ -132,21 +142,44 @@ class Track:
         self._presence.add(stamps)
         self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
 
-    def advance(self, now: int | None) -> Results:
-        """Evaluate all that can be, after the ground truth has been told the time."""
+    def advance(self, now: int | None) -> Question:
+        """Choose what can be evaluated, after the ground truth has been told the time.
+
+        What the ground truth is to be asked; :meth:`score` takes the answer.
+        """
         if now is not None:
             certain = now - self._timing.max_wait
             self._append(self._estimates.confirm(certain - self._settings.time_offset))
             self._give_up(now)
-        results = self._evaluate(self._answerable(now))
+        question = self._choose(self._answerable(now))
         self._forget()
-        return self._results(*results)
+        return question
 
-    def finish(self) -> Results:
-        """Decide all that is pending, after the ground truth has been concluded."""
+    def finish(self) -> Question:
+        """Choose all that is pending, after the ground truth has been concluded."""
         self._append(self._estimates.conclude())
         self._next_alignment = 0
-        return self._results(*self._evaluate(len(self._pending)))
+        return self._choose(len(self._pending))
+
+    def score(self, answer: Posterior | None) -> Results:
+        """Evaluate what was chosen, by the ground truth's answer; None where nothing was asked."""
+        chosen, self._chosen = self._chosen, _NOBODY
+        if answer is None:
+            return self._results(NO_EVALUATIONS, ())
+        covariance = answer.covariances
+        if chosen.covariances is not None:
+            # To first order the two errors add up: the two body frames differ by the error itself.
+            covariance = covariance + chosen.covariances
+        assert answer.twists is not None
+        poses = EvaluatedPoses(
+            chosen.stamps,
+            answer.poses,
+            covariance,
+            chosen.poses,
+            answer.cross,
+            answer.twists.means,
+        )
+        return self._results(*self._score(poses, self._settings.time_offset, answer.sampled))
 
     def _answerable(self, now: int | None) -> int:
         """Number of pending estimates that can be decided, the oldest ones.
@@ -162,34 +195,14 @@ class Track:
             latest = max(latest, now - self._timing.patience - self._timing.max_wait - 1)
         return int(np.searchsorted(self._pending.stamps, latest, side="right"))
 
-    def _evaluate(self, count: int) -> tuple[Evaluations, tuple[Array, ...]]:
-        """Decide the ``count`` oldest pending estimates."""
-        if not count:
-            return NO_EVALUATIONS, ()
-        index = np.arange(len(self._pending)) < count
-        chosen, self._pending = self._pending.where(index), self._pending.where(~index)
-        good = self._judge(chosen.stamps)
-        chosen = chosen.where(good)
-        if not len(chosen):
-            return NO_EVALUATIONS, ()
-        posterior = self._ground_truth.posterior(
-            chosen.stamps, self._until(chosen.stamps), self._joint, twists=True
-        )
-        covariance = posterior.covariances
-        if chosen.covariances is not None:
-            # To first order the two errors add up: the two body frames differ by the error itself.
-            covariance = covariance + chosen.covariances
-        offset = self._settings.time_offset
-        assert posterior.twists is not None
-        poses = EvaluatedPoses(
-            chosen.stamps,
-            posterior.poses,
-            covariance,
-            chosen.poses,
-            posterior.cross,
-            posterior.twists.means,
-        )
-        return self._score(poses, offset, posterior.sampled)
+    def _choose(self, count: int) -> Question:
+        """Decide which of the ``count`` oldest pending estimates are evaluated."""
+        if count:
+            index = np.arange(len(self._pending)) < count
+            chosen, self._pending = self._pending.where(index), self._pending.where(~index)
+            self._chosen = chosen.where(self._judge(chosen.stamps))
+        stamps = self._chosen.stamps
+        return Question(stamps, self._until(stamps) if len(stamps) else stamps, self._joint)
 
     def _score(
         self, answered: EvaluatedPoses, offset: int, sampled: Mask
