@@ -101,7 +101,7 @@ def test_wrong_usage(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ):
         assert evaluate.main(arguments) == 2
         assert said in capsys.readouterr().err
-    assert replay.main([truth, estimate, estimate]) == 2
+    assert replay.main([truth]) == 2
     assert "name a ground truth and an estimate" in capsys.readouterr().err
     assert evaluate.main([truth, str(folder / "absent.txt")]) == 1
     assert "absent.txt: it cannot be read" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from performance.error_model import drawn, erring
 from trajeval_ros import se3
 from trajeval_ros.error_model.fit import ENOUGH, fit
 from trajeval_ros.error_model.named import named
-from trajeval_ros.error_model.nuisances import NAMES, Nuisances, Truth
+from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD, Nuisances, Truth
 from trajeval_ros.error_model.process import GROUPS, Kind
 
 DRIFT = np.log([[1e-3, 1e-2], [1e-3, 2e-3]])
@@ -106,6 +106,58 @@ def test_what_the_motion_does_not_show_is_named():
     assert {"clock_offset", "x", "y", "z"} <= names
     assert not {"scale"} & names
     assert len(found.std) == len(NAMES)
+
+
+def noisy(path):
+    """A ground truth that trembles by a tenth of a millimetre and half a milliradian."""
+    rng = np.random.default_rng(7)
+    phases, rates = rng.uniform(0.0, 6.3, (6, 8)), rng.uniform(5.0, 60.0, (6, 8))
+    sizes = np.repeat([1e-4, 5e-4], 3)
+
+    def trembling(seconds):
+        waves = np.sin(np.multiply.outer(seconds, rates) + phases).sum(axis=2) / 2.0
+        return path(seconds) @ se3.exp(waves * sizes)
+
+    return trembling
+
+
+def still(seconds):
+    return np.tile(np.eye(4), (len(seconds), 1, 1))
+
+
+def spinning(seconds):
+    step = np.zeros((len(seconds), 6))
+    step[:, 5] = 0.5 * np.asarray(seconds)
+    return se3.exp(step)
+
+
+def along_x(seconds):
+    poses = still(seconds)
+    poses[:, 0, 3] = np.asarray(seconds)
+    return poses
+
+
+@pytest.mark.parametrize(
+    ("path", "hidden"),
+    [
+        (still, {"x", "y", "z", "roll", "pitch", "yaw", "scale"}),
+        (spinning, {"z", "yaw", "scale"}),
+        (along_x, {"x", "y", "z", "roll"}),
+    ],
+    ids=["stands", "turns on the spot", "drives straight"],
+)
+def test_noise_is_not_taken_for_what_the_motion_does_not_show(path, hidden):
+    # 5 mm and 5 mrad, many times the ground truth's: its trembling would be followed anywhere.
+    parameters = np.log([[5e-3, 1e-4], [5e-3, 1e-4]])
+    path = noisy(path)
+    stamps, poses = estimate(Kind.DRIFT, parameters, count=2000, path=path)
+    found = fit(stamps, poses, lambda stamps: ask(stamps, path))
+    assert hidden <= {name for each in found.unobserved for name in each.names}
+    assert (np.abs(nuisance_scores(found, Nuisances.none())) < 4.5).all()
+    for group in GROUPS:
+        assert found.groups[group]["jitter_std"].value == pytest.approx(5e-3, rel=0.05)
+    for name in hidden:
+        assert abs(found.nuisances.vector[NAMES.index(name)]) < OBSERVED_STD[NAMES.index(name)]
 
 
 def test_a_jump_is_named_and_does_not_rule_the_fit():

@@ -65,6 +65,10 @@ _PART_DURATION = 5.0
 _FIXED = 1e16
 # A group's noise is so much larger in variance where it is left out.
 _IGNORED = 1e10
+# The columns of a nuisance have to vary so many times more than errors of the ground truth do; and
+# the variance, in units of `OBSERVED_STD`, of a direction that the motion does not show.
+_BEYOND_ERRORS = 4.0
+_UNKNOWN = 100.0
 # Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
 _ROUGH = 0.3
 
@@ -293,7 +297,7 @@ class _Problem:
         """
         for _ in range(iterations):
             std = np.sqrt(np.diag(found.likelihood.theta_covariance))[: len(NAMES)]
-            step = found.likelihood.theta[: len(NAMES)]
+            step = _shown(found.likelihood)
             if (np.abs(step) < _CONVERGED * std).all():
                 break
             step = step * min(1.0, _LONGEST_STEP / max(abs(float(step[0])), 1e-12))
@@ -337,10 +341,10 @@ def _described(
     here = found.likelihood
     count = len(NAMES)
     inflation = np.maximum(here.clustered_ratio(_blocks(here.count))[:count], 1.0)
-    covariance = here.theta_covariance[:count, :count] * inflation * inflation[:, None]
+    covariance = _covariance(here) * inflation * inflation[:, None]
     changes = clock_changes(_stretches(stamps, nuisances, found, np.sqrt(np.diag(covariance))))
     clocks = _clock_by_group(nuisances, found)
-    nuisances = nuisances.moved(here.theta[:count])
+    nuisances = nuisances.moved(_shown(here))
     white = here.innovations()
     autocorrelation = np.array(
         [
@@ -470,6 +474,55 @@ def _long_run(values: Array, covariance: Array) -> Figure:
         slope[2], slope[3] = velocity / total, 0.5 * velocity / total
     variance = float(slope @ np.nan_to_num(covariance) @ slope)
     return Figure(total, float(np.sqrt(max(variance, 0.0))))
+
+
+def _shown(here: Likelihood) -> Array:
+    """θ (9,), in the directions that the motion shows, given that there is nothing in the others.
+
+    There, each step would be as long as its standard deviation, and none the last.
+    """
+    information, seen, _ = _directions(here)
+    right = seen.T @ information @ (here.theta[: len(NAMES)] / OBSERVED_STD)
+    step = seen @ np.linalg.solve(seen.T @ information @ seen, right)
+    return np.asarray(step * OBSERVED_STD)
+
+
+def _covariance(here: Likelihood) -> Array:
+    """Of the nuisances, (9, 9); large in the directions that the motion does not show."""
+    information, seen, hidden = _directions(here)
+    scaled = seen @ np.linalg.inv(seen.T @ information @ seen) @ seen.T
+    scaled += _UNKNOWN * hidden @ hidden.T
+    return np.asarray(scaled * OBSERVED_STD * OBSERVED_STD[:, None])
+
+
+def _directions(here: Likelihood) -> tuple[Array, Array, Array]:
+    """The information (9, 9) of the nuisances in units of `OBSERVED_STD`, seen and hidden axes.
+
+    Axes: orthonormal columns, (9, r) and (9, 9 - r). Hidden is what the data do not tell to within
+    one unit, and what only errors of the ground truth tell: the attitude of a robot that does not
+    turn varies by its noise, and a lever arm would follow that as it follows motion.
+    """
+    count, data = len(NAMES), here.data
+    units = OBSERVED_STD * OBSERVED_STD[:, None]
+    information = np.linalg.inv(here.theta_covariance[:count, :count]) * units
+    # How much the columns vary beyond what an alignment takes up, weighted; and how much they would
+    # if they were errors.
+    both = np.concatenate([here.gauge, data.nuisances], axis=2)
+    squares = np.einsum("nij,nik->jk", both, here.weight @ both)
+    taken = squares[6:, :6] @ np.linalg.pinv(squares[:6, :6], hermitian=True) @ squares[:6, 6:]
+    weight = np.einsum("nii->ni", here.weight).reshape(-1, 2, 3).mean(axis=2)
+    noise = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
+    errors = np.zeros(count)
+    errors[2:5] = 2.0 * (noise[:, 1] * weight[:, 0]).sum()
+    errors[5:8] = 2.0 * (noise[:, 1] * weight[:, 1]).sum()
+    errors[8] = 3.0 * (noise[:, 0] * weight[:, 0]).sum()
+    beyond = (squares[6:, 6:] - taken - _BEYOND_ERRORS * np.diag(errors)) * units
+    values, vectors = np.linalg.eigh(beyond)
+    moved, hidden = vectors[:, values > 0.0], vectors[:, values <= 0.0]
+    values, vectors = np.linalg.eigh(moved.T @ information @ moved)
+    vectors = moved @ vectors
+    seen = vectors[:, values >= 1.0]
+    return information, seen, np.concatenate([hidden, vectors[:, values < 1.0]], axis=1)
 
 
 def unobserved(covariance: Array) -> tuple[Unobserved, ...]:

@@ -9,11 +9,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from trajeval_ros.diagnosis.fitted import disagree
+from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 
 Figures = Mapping[str, Any]
 
 # Of what is not the estimator's fault, what gains ten nats is named: a chance of 7e-6, of nine.
 _SIGMAS = 4.5
+# What is known no better is not said to be nothing; and what they are called.
+_SEEN = dict(zip(NAMES, OBSERVED_STD.tolist(), strict=True))
+_TITLES = (
+    ("clock", ("clock_offset",)),
+    ("clock rate", ("clock_rate",)),
+    ("lever arm", ("x", "y", "z")),
+    ("mounting", ("roll", "pitch", "yaw")),
+    ("scale", ("scale",)),
+)
 # Drift by distance is said where the mean speed is 1 m/s and more.
 _FAST = 1.0
 # Autocorrelations beyond this say that the model does not hold.
@@ -78,42 +88,46 @@ def _faults(model: Figures) -> str:
     """What is there beyond doubt, and within what there is none of the rest."""
     found, none = [], []
 
-    def sort(name: str, value: float, std: float, shown: str, limit: str) -> None:
-        if abs(value) > _SIGMAS * std:
+    def sort(name: str, beyond: float, std: float, limit: float, shown: str) -> None:
+        if abs(beyond) > _SIGMAS:
             found.append(f"{name} {shown}")
-        else:
-            none.append(f"{name} {limit}")
+        elif std <= limit:
+            none.append(f"{name} {shown}")
 
-    clock, scale = model["clock_offset"], model["scale"]
+    clock, rate, scale = model["clock_offset"], model["clock_rate"], model["scale"]
     shown = f"{_number(clock['value'], clock['std'], 1e3)} ms"
-    sort("clock", clock["value"], clock["std"], shown, shown)
-    rate = model["clock_rate"]
+    sort("clock", clock["value"] / clock["std"], clock["std"], _SEEN["clock_offset"], shown)
     shown = f"{_number(rate['value'], rate['std'], 1e6)} ppm"
-    sort("clock rate", rate["value"], rate["std"], shown, shown)
-    for name, key, show in (
-        ("lever arm", "translation", _length),
-        ("mounting", "rotation", _angle),
+    sort("clock rate", rate["value"] / rate["std"], rate["std"], _SEEN["clock_rate"], shown)
+    for name, key, show, axis in (
+        ("lever arm", "translation", _length, "x"),
+        ("mounting", "rotation", _angle, "roll"),
     ):
         vector = model["extrinsic"][key]
         size = math.hypot(*vector["value"])
         std = max(vector["std"])
         beyond = max(abs(v) / s for v, s in zip(vector["value"], vector["std"], strict=True))
-        text = show({"value": size, "std": std})
-        sort(name, beyond, 1.0, text, text)
-    shown = _number(**scale)
-    sort("scale", scale["value"] - 1.0, scale["std"], shown, shown)
+        sort(name, beyond, std, _SEEN[axis], show({"value": size, "std": std}))
+    beyond = (scale["value"] - 1.0) / scale["std"]
+    sort("scale", beyond, scale["std"], _SEEN["scale"], _number(**scale))
     gain = model["nats_per_pose"] - model["nats_per_pose_uncorrected"]
     if not found:
-        return f"nothing beyond doubt ({', '.join(none)})"
+        return f"nothing beyond doubt ({', '.join(none)})" if none else "nothing that can be told"
     rest = f"; nothing beyond doubt in {', '.join(none)}" if none else ""
     return f"{', '.join(found)}: {gain:.3g} nats a pose{rest}"
 
 
 def _doubts(model: Figures) -> list[tuple[str, str]]:
-    found = [
-        ("Not observed", f"{', '.join(each['of'])}: the motion does not show it")
-        for each in model["unobserved"]
-    ]
+    found = []
+    hidden = {name for each in model["unobserved"] for name in each["of"]}
+    parts = []
+    for title, names in _TITLES:
+        of = [name for name in names if name in hidden]
+        if of:
+            axes = "" if len(of) == len(names) else f" ({', '.join(of)})"
+            parts.append(f"{title}{axes}")
+    if parts:
+        found.append(("Not observed", f"{', '.join(parts)}: the motion does not show it"))
     jumps = model["jumps"]
     if jumps:
         largest = max(jumps, key=lambda jump: jump["translation"])
