@@ -29,6 +29,7 @@ EXTRAS = {
         "pytest-xdist>=3",
         "hypothesis>=6.98",
         "catkin-pkg",
+        "mcap",
         "evo",
         "mpmath",
         "nbclient",

@@ -20,10 +20,10 @@ import pytest
 from trajeval_ros import se3
 from trajeval_ros.commands.domain import own_domain
 from trajeval_ros.commands.simulation import simulate
-from trajeval_ros.node.figures import flatten
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.runs.statuses import flatten
 
 ROOT = Path(__file__).resolve().parents[2]
 FOXGLOVE = json.loads((ROOT / "dashboards" / "foxglove.json").read_text(encoding="utf-8"))

@@ -29,10 +29,10 @@ from trajeval_ros.node.diagnostics import (
     merge,
 )
 from trajeval_ros.node.discovery import Endpoint, Offer, Plan
-from trajeval_ros.node.figures import STATUSES, flatten
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.online.results import Health, TopicHealth
+from trajeval_ros.runs.statuses import STATUSES, flatten
 
 SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND

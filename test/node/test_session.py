@@ -18,12 +18,12 @@ from trajeval_ros.files.output import OutputError
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.node import evaluator
 from trajeval_ros.node.clock import StampClock
-from trajeval_ros.node.figures import error_model_entries
 from trajeval_ros.online.parameters import ParameterError, complete
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import Report
 from trajeval_ros.runs.offline import Scoring, score
 from trajeval_ros.runs.session import Session
+from trajeval_ros.runs.statuses import error_model_entries
 
 YEAR = 365 * 86_400 * data.SECOND
 SOURCES = {"ground truth": "/ground_truth", "estimate": "/estimate"}

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trajeval_ros import se3
-from trajeval_ros.node.trail import Trail
-from trajeval_ros.node.visualization import ellipsoids
 from trajeval_ros.online.results import Evaluations
+from trajeval_ros.runs.trail import Trail, ellipsoids
 
 
 def evaluations(first: int, count: int) -> Evaluations:

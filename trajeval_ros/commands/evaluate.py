@@ -62,6 +62,11 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         help="write summary.json, poses.csv and report.html to this folder (default: none of them)",
     )
     parser.add_argument(
+        "--mcap",
+        metavar="FILE",
+        help="write what the node would have published, and the trajectories, to this bag",
+    )
+    parser.add_argument(
         "--apply",
         metavar="WHAT",
         type=_applicable,
@@ -152,6 +157,8 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
     if arguments.align_origin and parameters["gauge"] not in ("se3", "none"):
         gauge = parameters["gauge"]
         raise console.UsageError(f"--align-origin aligns by itself: it excludes gauge={gauge}")
+    if arguments.mcap:
+        _require_rosbags()
     data = inputs.read(arguments)
     offsets = [float(parameters[f"{name}.time_offset"]) for name in data.names]  # type: ignore[arg-type]
     for estimate, offset in zip(data.estimates, offsets, strict=True):
@@ -169,7 +176,18 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
         earlier,
         align_origin=arguments.align_origin,
         given=arguments.given,
+        mcap=arguments.mcap,
     )
+
+
+def _require_rosbags() -> None:
+    """Refuse to evaluate what could not be written."""
+    from trajeval_ros.files.mcap import BagWriteError, message_types
+
+    try:
+        message_types()
+    except BagWriteError as error:
+        raise console.CommandError(f"--mcap: {error}") from error
 
 
 def _requirements_hold(requirements: Sequence[Requirement], outcome: Outcome) -> bool:

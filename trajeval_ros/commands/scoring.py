@@ -21,6 +21,7 @@ from trajeval_ros.commands.overlap import small_share
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.files.mcap import BagWriteError
 from trajeval_ros.files.output import FILES, OutputError, OutputFolder, write_summary
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
@@ -30,6 +31,7 @@ from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.runs.position_only import comparisons_on_positions
+from trajeval_ros.runs.recording import Recorded, Recording
 from trajeval_ros.runs.several import causes_of_all, compared, together
 from trajeval_ros.wall import shield
 
@@ -57,9 +59,11 @@ def score(
     *,
     align_origin: bool = False,
     given: Sequence[str] = (),
+    mcap: str | None = None,
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
 
+    ``mcap``: a bag of all topics of the node, to be written.
     ``given``: the command line, for the summary to say how it can be made again.
 
     ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
@@ -80,7 +84,11 @@ def score(
             name: _Run(name, data, parameters, _place(data, output, name), stack)
             for name in data.names
         }
-        scorings = {name: run.scoring for name, run in runs.items()}
+        recorded = {name: Recorded() for name in runs} if mcap else {}
+        scorings = {
+            name: replace(run.scoring, observe=recorded[name].observe) if mcap else run.scoring
+            for name, run in runs.items()
+        }
         found = {
             name: _with_arguments(one, given)
             for name, one in _found(data, parameters, scorings).items()
@@ -126,6 +134,15 @@ def score(
                 write_summary(Path(output).expanduser(), summary)
             except OutputError as error:
                 failures += error.lines
+    if mcap:
+        summaries = {name: one.summary for name, one in found.items()}
+        estimates = dict(zip(data.names, data.estimates, strict=True))
+        recording = Recording(data.ground_truth, estimates, recorded, summaries, comparisons)
+        try:
+            recording.write(Path(mcap).expanduser())
+        except BagWriteError as error:
+            failures.append(str(error))
+            mcap = None
     for remark in data.remarks:
         print(f"info: {remark}")
     for number, (name, run) in enumerate(runs.items()):
@@ -141,6 +158,8 @@ def score(
         print("".join(f"\n{cause.sentence}\n" for cause in shared), end="")
     if len(runs) > 1 and output:
         print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
+    if mcap:
+        print(f"\nWritten: {Path(mcap).expanduser().absolute()}")
     settings = settings_of(parameters, data.names)
     judgements = {
         name: judge(name, earlier, found[name], settings)

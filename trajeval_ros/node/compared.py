@@ -12,9 +12,9 @@ from rclpy.node import Node
 
 from trajeval_ros.comparison.words import sentence
 from trajeval_ros.node.estimate import SHARE, Estimate
-from trajeval_ros.node.figures import flatten_comparison
 from trajeval_ros.node.outputs import Row, Table
 from trajeval_ros.runs.session import Session
+from trajeval_ros.runs.statuses import flatten_comparison
 
 _LONGEST_PERIOD = 60.0
 

@@ -8,11 +8,11 @@ import time
 
 from rclpy.node import Node
 
-from trajeval_ros.node.figures import STATUSES, error_model_entries, flatten
 from trajeval_ros.node.inputs import Input
 from trajeval_ros.node.outputs import Outputs, Row, Table
 from trajeval_ros.online.results import Results
 from trajeval_ros.runs.session import Session
+from trajeval_ros.runs.statuses import STATUSES, error_model_entries, flatten
 
 # The part of the time that the figures of a window, or a comparison, may take before they become
 # rarer.

@@ -25,6 +25,7 @@ from std_msgs.msg import Float64
 
 from trajeval_ros import se3
 from trajeval_ros.online.results import Evaluations, Results
+from trajeval_ros.runs.statuses import NUMBERS
 
 Array = npt.NDArray[np.float64]
 
@@ -51,21 +52,9 @@ class Outputs:
 
         self._relative = publisher(Float64, f"~/{below}relative/log_likelihood")
         self._absolute = publisher(Float64, f"~/{below}absolute/log_likelihood")
-        # Figures that are looked at most, as numbers that every plot takes: status and key.
-        numbers = {
-            ("conventional", "ate_translation_rmse"): f"~/{below}ate/translation",
-            ("conventional", "ate_rotation_rmse"): f"~/{below}ate/rotation",
-            ("conventional", "re_translation_rmse"): f"~/{below}re/translation",
-            ("conventional", "re_rotation_rmse"): f"~/{below}re/rotation",
-            (
-                "window",
-                "absolute_noise_equivalent_translation_std",
-            ): f"~/{below}accuracy/translation",
-            ("window", "absolute_noise_equivalent_rotation_std"): f"~/{below}accuracy/rotation",
-            ("coverage", "time"): f"~/{below}coverage/time",
-            ("coverage", "distance"): f"~/{below}coverage/distance",
+        self._numbers = {
+            where: publisher(Float64, f"~/{below}{topic}") for topic, where in NUMBERS.items()
         }
-        self._numbers = {where: publisher(Float64, topic) for where, topic in numbers.items()}
         self._pose = publisher(PoseWithCovarianceStamped, f"~/{below}ground_truth/pose")
         self._errors = {
             (which, part): publisher(Vector3Stamped, f"~/{below}{which}/{part}_error")

@@ -21,16 +21,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.node.outputs import time_message
-from trajeval_ros.node.trail import Poses, Trail
 from trajeval_ros.online.results import Results
+from trajeval_ros.runs.trail import DEVIATIONS, SMALLEST, Poses, Trail, ellipsoids
 
 Array = npt.NDArray[np.float64]
 
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# An ellipsoid's half axes in standard deviations. In three dimensions 97 % lie inside.
-_DEVIATIONS = 3.0
-# RViz refuses a marker of size zero.
-_SMALLEST = 1e-6
 _LINE_WIDTH = 0.01
 _UNCERTAINTY = ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.4)
 # One for each estimate, over and over.
@@ -183,7 +179,7 @@ class Visualization:
             turned.x, turned.y, turned.z, turned.w = quaternion
             # Foxglove and RViz take the diameter.
             marker.scale.x, marker.scale.y, marker.scale.z = (
-                max(2.0 * _DEVIATIONS * axis, _SMALLEST) for axis in axes
+                max(2.0 * DEVIATIONS * axis, SMALLEST) for axis in axes
             )
             markers.append(marker)
         return markers
@@ -198,21 +194,3 @@ class Visualization:
 
     def _header(self, stamp: int) -> Header:
         return Header(stamp=time_message(stamp), frame_id=self._frame)
-
-
-def ellipsoids(poses: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """The uncertainty of positions as ellipsoids in the world.
-
-    poses: (n, 4, 4) T_world_body. covariance: (n, 6, 6), right perturbation, body frame. Returns
-    positions (n, 3), the axes' directions as quaternions xyzw (n, 4) and the standard deviations
-    along them (n, 3): with R of the quaternion, ``R diag(s²) Rᵀ`` is the position's covariance in
-    the world's axes.
-    """
-    fixed = se3.covariance_to_fixed_axes(covariance, poses)[:, :3, :3]
-    variances, axes = np.linalg.eigh(fixed)
-    # A rotation, not a reflection: a direction and its opposite are the same axis.
-    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
-    turned = np.array(poses)
-    turned[:, :3, :3] = axes
-    positions, quaternions = se3.to_position_quaternion(turned)
-    return positions, quaternions, np.sqrt(np.maximum(variances, 0.0))

@@ -8,6 +8,7 @@ import contextlib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ from trajeval_ros.runs.position_only import (
 from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
+Observer = Callable[[Results, Callable[[], Mapping[str, Any]]], None]
 
 _SECOND = 1_000_000_000
 
@@ -51,11 +53,15 @@ _MOST_SAMPLES = 500_000
 
 @dataclass(frozen=True)
 class Scoring:
-    """An estimate to be scored: its poses, and the records that are kept of it."""
+    """An estimate to be scored: its poses, and the records that are kept of it.
+
+    ``observe`` is called with what each batch brings, and what gives the run's summary by then.
+    """
 
     estimate: Trajectory
     report: Report
     folder: OutputFolder | None = None
+    observe: Observer | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,8 @@ def score(
                 # The folder says at the end what it has not got.
                 with contextlib.suppress(OutputError):
                     scoring.folder.add(results.evaluations)
+            if scoring.observe is not None:
+                scoring.observe(results, partial(engine.summary, name))
             done += len(results.evaluations)
         progress(done)
     source = described(truth.source)
@@ -112,7 +120,7 @@ def _chunk(scorings: Mapping[str, Scoring]) -> int:
     spans = [
         int(np.ptp(scoring.estimate.stamps))
         for scoring in scorings.values()
-        if scoring.folder is not None and len(scoring.estimate)
+        if (scoring.folder or scoring.observe) is not None and len(scoring.estimate)
     ]
     return min(max(min(spans) // _POINTS, _SECOND), _CHUNK) if spans else _CHUNK
 

@@ -9,9 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import se3
 from trajeval_ros.online.results import Evaluations
 
 Array = npt.NDArray[np.float64]
+
+DEVIATIONS = 3.0
+"""An ellipsoid's half axes in standard deviations: in three dimensions 97 % lie inside."""
+SMALLEST = 1e-6
+"""m, the least size of a marker: RViz refuses one of zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,3 +100,21 @@ class Trail:
         while len(self.run) > self._capacity:
             self.run = self.run.pick(slice(None, None, 2))
             self._stride *= 2
+
+
+def ellipsoids(poses: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """The uncertainty of positions as ellipsoids in the world.
+
+    poses: (n, 4, 4) T_world_body. covariance: (n, 6, 6), right perturbation, body frame. Returns
+    positions (n, 3), the axes' directions as quaternions xyzw (n, 4) and the standard deviations
+    along them (n, 3): with R of the quaternion, ``R diag(s²) Rᵀ`` is the position's covariance in
+    the world's axes.
+    """
+    fixed = se3.covariance_to_fixed_axes(covariance, poses)[:, :3, :3]
+    variances, axes = np.linalg.eigh(fixed)
+    # A rotation, not a reflection: a direction and its opposite are the same axis.
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
+    turned = np.array(poses)
+    turned[:, :3, :3] = axes
+    positions, quaternions = se3.to_position_quaternion(turned)
+    return positions, quaternions, np.sqrt(np.maximum(variances, 0.0))

@@ -1,0 +1,104 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The summary's figures as the flat statuses of ``~/metrics``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from trajeval_ros.comparison.compare import Comparison
+
+STATUSES = ("relative", "absolute", "window", "conventional", "coverage")
+
+NUMBERS = {
+    "ate/translation": ("conventional", "ate_translation_rmse"),
+    "ate/rotation": ("conventional", "ate_rotation_rmse"),
+    "re/translation": ("conventional", "re_translation_rmse"),
+    "re/rotation": ("conventional", "re_rotation_rmse"),
+    "accuracy/translation": ("window", "absolute_noise_equivalent_translation_std"),
+    "accuracy/rotation": ("window", "absolute_noise_equivalent_rotation_std"),
+    "coverage/time": ("coverage", "time"),
+    "coverage/distance": ("coverage", "distance"),
+}
+"""The figures that are looked at most, as numbers that every plot takes: topic, status and key."""
+
+# Of the error model, what is for ``summary.json`` alone.
+_MATRICES = ("covariance", "pose")
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def flatten(summary: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Return the statuses with their keys and values, in plain snake_case.
+
+    Numbers are ``repr(float)``, so that every digit arrives; what is None or not finite is left
+    out, and so are lists and distributions, which are for ``summary.json``. A figure below another,
+    such as ``window: {relative: {chi2}}``, is ``relative_chi2``.
+    """
+    return {status: dict(_entries("", summary[status])) for status in STATUSES if status in summary}
+
+
+def error_model_entries(models: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """The status ``error_model``: of the run, and of the window with ``window_`` before each key.
+
+    Components of vectors are ``..._x``, ``_y``, ``_z``; of lists there is how many they hold.
+    """
+    found: dict[str, str] = {}
+    for part, prefix in (("run", ""), ("window", "window_")):
+        for key, value in _components(prefix, models.get(part, {})):
+            found[key] = value
+    return found
+
+
+def _components(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in figures.items():
+        if key in _MATRICES:
+            continue
+        if key == "whiteness":
+            for group, lags in value.items():
+                yield f"{prefix}{key}_{group}", repr(float(lags[0]))
+        elif isinstance(value, Mapping):
+            yield from _components(f"{prefix}{key}_", value)
+        elif isinstance(value, list) and key in ("value", "std"):
+            for axis, component in zip("xyz", value, strict=True):
+                yield f"{prefix}{key}_{axis}", repr(float(component))
+        elif isinstance(value, list):
+            yield f"{prefix}{key}", repr(float(len(value)))
+        else:
+            yield from _entries(prefix, {key: value})
+
+
+def _entries(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in figures.items():
+        if key == "distributions":
+            continue
+        if key == "alignment":
+            yield from _alignment(value)
+        elif isinstance(value, Mapping):
+            yield from _entries(f"{prefix}{key}_", value)
+        elif isinstance(value, str):
+            yield f"{prefix}{key}", value
+        elif isinstance(value, int | float) and math.isfinite(value):
+            yield f"{prefix}{key}", repr(float(value))
+
+
+def _alignment(alignment: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The alignment's pose and scale; its covariance is for ``summary.json``."""
+    if alignment["pose"] is not None:
+        for name, value in zip(_POSE, alignment["pose"], strict=True):
+            yield f"alignment_{name}", repr(float(value))
+    if alignment["scale"] is not None:
+        yield "alignment_scale", repr(float(alignment["scale"]))
+
+
+def flatten_comparison(comparison: Comparison) -> dict[str, str]:
+    """Return a comparison's values as those of a status; an interval's ends are apart."""
+    found: dict[str, Any] = {}
+    for name, value in comparison.figures().items():
+        if isinstance(value, Mapping) and value.get("interval") is not None:
+            low, high = value["interval"]
+            value = {**value, "interval_low": low, "interval_high": high}
+        if isinstance(value, Mapping):
+            found[name] = value
+    return dict(_entries("", found))
