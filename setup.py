@@ -20,6 +20,8 @@ EXTRAS = {
     "comparison": ["arch>=6.2"],
     # Result.poses.to_pandas()
     "tables": ["pandas>=2"],
+    # benchmark, te.benchmark: many runs, on a cluster
+    "benchmark": ["dask>=2024.8", "distributed>=2024.8", "pandas>=2", "pyarrow>=15"],
     # Completion of the command line: docs/files.md
     "completion": ["argcomplete>=3"],
     # The live view of demo
@@ -69,6 +71,7 @@ setup(
             "replay = trajeval_ros.commands.replay:main",
             "demo = trajeval_ros.commands.demo:main",
             "simulate = trajeval_ros.commands.simulate:main",
+            "benchmark = trajeval_ros.commands.benchmark:main",
         ],
     },
 )

@@ -20,7 +20,7 @@ from types import ModuleType
 import pytest
 import yaml
 
-from trajeval_ros.commands import demo, evaluate, replay, settings, simulate
+from trajeval_ros.commands import benchmark, demo, evaluate, replay, settings, simulate
 from trajeval_ros.commands.inputs import names_of, with_format
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import ONE, PARAMETERS, complete, table
@@ -38,6 +38,7 @@ PARSERS = {
     "replay": replay.make_parser,
     "simulate": simulate.make_parser,
     "demo": demo.make_parser,
+    "benchmark": benchmark.make_parser,
 }
 MAINS = {"evaluate": evaluate.main, "simulate": simulate.main}
 

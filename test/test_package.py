@@ -26,8 +26,10 @@ ROSDEP_KEYS = {"numpy": "python3-numpy", "scipy": "python3-scipy", "yaml": "pyth
 OPTIONAL = {
     "argcomplete": "completion",
     "arch": "comparison",
+    "distributed": "benchmark",
     "matplotlib": "report",
     "pandas": "tables",
+    "pyarrow": "benchmark",
     "rich": "terminal",
     "rosbags": "bags",
 }
@@ -100,7 +102,7 @@ def test_every_executable_has_its_main(arguments: dict[str, Any]) -> None:
         re.fullmatch(r"(\w+) = (\S+)", line).groups()  # type: ignore[union-attr]
         for line in arguments["entry_points"]["console_scripts"]
     )
-    assert set(scripts) == {"evaluator", "evaluate", "replay", "demo", "simulate"}
+    assert set(scripts) == {"evaluator", "evaluate", "replay", "demo", "simulate", "benchmark"}
     for target in scripts.values():
         module, _, function = target.partition(":")
         tree = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8"))

@@ -17,6 +17,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from trajeval_ros.benchmarking.whole import benchmark
     from trajeval_ros.comparison.compare import Comparison
     from trajeval_ros.files.trajectory import TrajectoryFileError
     from trajeval_ros.library.evaluate import evaluate
@@ -41,6 +42,7 @@ _HOMES = {
     "Results": "library.result",
     "Trajectory": "library.trajectory",
     "TrajectoryFileError": "files.trajectory",
+    "benchmark": "benchmarking.whole",
     "evaluate": "library.evaluate",
     "read_bag": "library.trajectory",
     "read_euroc": "library.trajectory",
@@ -56,6 +58,7 @@ __all__ = [
     "Results",
     "Trajectory",
     "TrajectoryFileError",
+    "benchmark",
     "evaluate",
     "read_bag",
     "read_euroc",

@@ -12,6 +12,7 @@ COMMANDS = {
     "replay": "commands.replay",
     "simulate": "commands.simulate",
     "demo": "commands.demo",
+    "benchmark": "commands.benchmark",
     "evaluator": "node.main",
 }
 

@@ -37,6 +37,15 @@ def described(source: str) -> dict[str, Any]:
         return {"path": path, **of_topic}
 
 
+def content_of(path: str) -> str:
+    """Return the sha256 of a file, or of all files in a folder, however large; of none, ``absent``.
+
+    Raises :class:`OSError` for what cannot be read.
+    """
+    files = _files(Path(path))
+    return _digest(Path(path), files) if files else "absent"
+
+
 def _files(path: Path) -> list[Path]:
     if path.is_dir():
         return sorted(file for file in path.rglob("*") if file.is_file())

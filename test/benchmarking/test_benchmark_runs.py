@@ -1,0 +1,233 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Benchmarks from manifest to files, on processes that are killed on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from benchmarking.conftest import ROOT, make_runs
+
+import trajeval_ros as te
+from trajeval_ros.benchmarking.manifest import read_manifest
+from trajeval_ros.benchmarking.results import Results, read_csv, read_results
+from trajeval_ros.benchmarking.whole import OutputExistsError, run
+from trajeval_ros.benchmarking.work import LOST, OK, Row, summaries_of
+from trajeval_ros.commands import benchmark, simulate
+
+pytest.importorskip("distributed")
+pytest.importorskip("pyarrow")
+
+Done = tuple[Path, list[Row]]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory, client: Any) -> Done:
+    """A benchmark without trouble, but for one file that is no trajectory."""
+    folder = tmp_path_factory.mktemp("benchmark")
+    manifest = make_runs(folder)
+    (folder / "results/vins/hall/bad.txt").write_text("no trajectory\n")
+    return manifest, run(read_manifest(manifest), folder / "out", client)
+
+
+def figures(row: Row) -> dict[str, float]:
+    return {k: v for k, v in row.items() if isinstance(v, float) and k != "wall_time"}
+
+
+def assert_same(rows: list[Row], others: list[Row]) -> None:
+    """Every row there once, and equal, however the runs were cut into tasks."""
+    assert [row["key"] for row in rows] == [row["key"] for row in others]
+    for row, other in zip(rows, others, strict=True):
+        assert row["status"] == other["status"]
+        assert figures(row) == pytest.approx(figures(other), rel=1e-6, abs=1e-9)
+
+
+def test_a_run_that_fails_costs_itself_alone(done: Done) -> None:
+    _, rows = done
+    assert len(rows) == 9
+    (bad,) = [row for row in rows if row["status"] != OK]
+    assert (bad["system"], bad["sequence"], bad["run"]) == ("vins", "hall", "bad")
+    assert "bad.txt, row 1" in str(bad["error"])
+
+
+def test_rows_are_those_of_single_evaluations(done: Done) -> None:
+    manifest, rows = done
+    for sequence, gauge in (("hall", "se3"), ("stairs", "sim3")):
+        truth = te.read_tum(manifest.parent / f"ground_truth/{sequence}.txt")
+        estimate = te.read_tum(manifest.parent / f"results/wheels-2/{sequence}/1.txt")
+        summary = te.evaluate(truth, estimate, gauge=gauge, relative_delta=0.5).summary
+        (row,) = [
+            r for r in rows if (r["system"], r["sequence"], r["run"]) == ("wheels-2", sequence, "1")
+        ]
+        for part in ("ate_translation_rmse", "ate_rotation_rmse", "re_translation_rmse"):
+            assert row[f"conventional.{part}"] == pytest.approx(
+                summary["conventional"][part], rel=1e-9
+            )
+        jitter = summary["error_model"]["translation"]["jitter_std"]["value"]
+        assert row["error_model.translation.jitter_std.value"] == pytest.approx(jitter, rel=1e-6)
+        assert row["parameters.gauge"] == gauge
+
+
+def test_files_have_every_row(done: Done) -> None:
+    manifest, rows = done
+    folder = manifest.parent / "out"
+    keys = [row["key"] for row in rows]
+    assert [row["key"] for row in read_results(folder)] == keys
+    assert sorted(str(row["key"]) for row in read_csv(folder / "results.csv")) == sorted(
+        map(str, keys)
+    )
+    assert {path.name for path in folder.iterdir()} == {
+        *("results.csv", "results.parquet", "tables.md", "tables.tex", "tables.html")
+    }
+
+
+def test_resuming_does_what_is_left_and_what_has_changed(
+    done: Done, client: Any, tmp_path: Path
+) -> None:
+    manifest, rows = done
+    out = tmp_path / "out"
+    shutil.copytree(manifest.parent / "out", out)
+    with pytest.raises(OutputExistsError):
+        run(read_manifest(manifest), out, client)
+    # One was never done, one was lost with its worker, one is of another file.
+    kept = [dict(row) for row in rows if row["system"] != "vins" or row["run"] != "0"]
+    kept[0]["status"], kept[1]["key"] = LOST, "of other contents"
+    marked = [row["key"] for row in kept[2:]]
+    for row in kept[2:]:
+        row["wall_time"] = -1.0
+    Results(out, kept)
+    again = run(read_manifest(manifest), out, client, resume=True)
+    assert_same(again, rows)
+    assert [row["key"] for row in again if row["wall_time"] == -1.0] == marked
+
+
+def test_in_python_it_is_a_frame(done: Done, client: Any, tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    manifest, rows = done
+    shutil.copytree(manifest.parent / "out", tmp_path / "out")
+    frame = te.benchmark(manifest, tmp_path / "out", client, resume=True)
+    assert list(frame["key"]) == [row["key"] for row in rows]
+    assert frame["conventional.ate_translation_rmse"].notna().sum() == 8
+
+
+def test_no_estimate_s_name_is_a_parameter(done: Done) -> None:
+    manifest, _ = done
+    sequence = read_manifest(manifest).sequences[0]
+    parameters = {**sequence.parameters, "estimate.time_offset": 0.01}
+    truth = te.read_tum(sequence.ground_truth.path).data
+    estimates = [te.read_tum(run.source.path).data for run in sequence.runs if run.run == "0"]
+    offsets = [
+        summary["parameters"]["estimate.time_offset"]
+        for summary in summaries_of(parameters, truth, estimates)
+    ]
+    assert offsets == [0.01, 0.01]
+
+
+@contextlib.contextmanager
+def process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    started = subprocess.Popen(
+        [sys.executable, "-m", *arguments],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield started
+    finally:
+        started.kill()
+        started.wait()
+
+
+def wait_for(path: Path, lines: int, patience: float = 60.0) -> None:
+    end = time.monotonic() + patience
+    while not path.is_file() or path.read_text().count("\n") < lines:
+        assert time.monotonic() < end, f"{path} has not come"
+        time.sleep(0.02)
+
+
+def test_after_kills_every_row_is_there_once(done: Done, tmp_path: Path) -> None:
+    """A scheduler and two workers as processes: a worker is killed, then the client."""
+    manifest, rows = done
+    address, out = tmp_path / "scheduler.json", tmp_path / "out"
+    worker = ("distributed.cli.dask_worker", "--scheduler-file", str(address), "--no-nanny")
+    worker += ("--nthreads", "1", "--no-dashboard", "--local-directory", str(tmp_path))
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(
+            process(
+                *("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"),
+                *("--no-dashboard", "--scheduler-file", str(address)),
+            )
+        )
+        wait_for(address, 1)
+        first = stack.enter_context(process(*worker))
+        stack.enter_context(process(*worker))
+        found = re.search(r"tcp://[0-9.:]+", address.read_text())
+        assert found is not None
+        asked = (str(manifest), "--output", str(out), "--scheduler", found[0])
+        client = stack.enter_context(process("trajeval_ros", "benchmark", *asked))
+        # The header and a row: the rest is under way.
+        wait_for(out / "results.csv", 2)
+        first.send_signal(signal.SIGKILL)
+        client.send_signal(signal.SIGKILL)
+        client.wait()
+        before = {row["key"]: row for row in read_csv(out / "results.csv")}
+        assert before
+        assert benchmark.main([*asked, "--resume"]) == 0
+    again = read_results(out)
+    assert_same(again, rows)
+    kept = [row for row in again if before.get(row["key"], {}).get("status") == OK]
+    assert all(row["wall_time"] == before[row["key"]]["wall_time"] for row in kept)
+
+
+def test_a_scheduler_that_is_not_there_is_said(
+    done: Done, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from trajeval_ros.benchmarking import cluster
+
+    # Not the ten seconds that a busy network may need.
+    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
+    manifest, _ = done
+    asked = [str(manifest), "--output", str(tmp_path / "o"), "--scheduler", "tcp://127.0.0.1:9"]
+    assert benchmark.main(asked) == 1
+    assert "no scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
+
+
+def test_the_page_s_commands_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``docs/benchmark.md`` from top to bottom, in an empty folder."""
+    text = (ROOT / "docs/benchmark.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    mains = {"benchmark": benchmark.main, "simulate": simulate.main}
+    ran = 0
+    for block in re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S):
+        for line in block.splitlines():
+            program, *rest = shlex.split(line)
+            if program in mains:
+                assert mains[program](rest) == 0, capsys.readouterr().err
+                ran += 1
+            else:
+                subprocess.run([program, *rest], check=True)
+    assert ran > 4
+    assert Path("new/tables.md").is_file()
+    assert Path("benchmark.xml").is_file()
+    (example,) = re.findall(r"^```yml\n(.*?)^```", text, re.M | re.S)
+    Path("example.yaml").write_text(example)
+    for name in ("gt/hall.csv", "gt/stairs.txt", "bags/vins/hall/1.txt", "bags/vins/stairs/1.txt"):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        Path(name).write_text("0.0 0 0 0 0 0 0 1\n")
+    assert len(read_manifest("example.yaml").runs) == 2

@@ -1,0 +1,159 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a benchmark is significantly worse than an earlier one."""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from trajeval_ros.benchmarking.noise import FIGURES, LEVEL, Figure, Runs, holm, p_smaller, values
+from trajeval_ros.benchmarking.tables import number
+from trajeval_ros.benchmarking.work import Row
+
+
+class GateError(ValueError):
+    """The two cannot be compared; the message is one line."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """A figure of a system, over the sequences that both benchmarks have.
+
+    ``now``, ``before``: geometric means over sequences of medians over runs, the figure's SI unit.
+    ``p_value``: Holm's, of its being as it was or better, against worse.
+    """
+
+    system: str
+    figure: Figure
+    now: float
+    before: float
+    p_value: float
+
+    @property
+    def worse(self) -> bool:
+        """Whether it is, beyond noise."""
+        return self.p_value < LEVEL
+
+    @property
+    def line(self) -> str:
+        """The change in words."""
+        figure = self.figure
+        now, before = (number(v * figure.factor) for v in (self.now, self.before))
+        ratio = f"{self.now / self.before:.3f} times" if 0 < self.before < np.inf else "-"
+        verdict = "worse" if self.worse else "not worse"
+        return (
+            f"{self.system}  {figure.title} [{figure.unit}]: {now}, was {before}"
+            f" ({ratio}, p = {self.p_value:.2g})  {verdict}"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """Every change, and what the baseline has and is not there any more: system and sequence."""
+
+    changes: tuple[Change, ...]
+    missing: tuple[tuple[str, str], ...]
+
+    @property
+    def regressed(self) -> bool:
+        """Whether anything is worse, or missing."""
+        return bool(self.missing) or any(change.worse for change in self.changes)
+
+
+def judge(now: Sequence[Row], before: Sequence[Row]) -> Verdict:
+    """Hold every system of the baseline to it; one-sided, Holm over systems and figures.
+
+    Raises :class:`GateError` where a sequence's ground truth or parameters are others than they
+    were: then the figures are of something else; and where there is nothing in common.
+    """
+    _same_question(now, before)
+    changes = [
+        change
+        for system in sorted({str(row["system"]) for row in before})
+        for figure in FIGURES
+        if (change := _change(system, figure, now, before)) is not None
+    ]
+    if not changes:
+        raise GateError("the baseline has no figure of a system and sequence that are in this one")
+    sure = holm([change.p_value for change in changes])
+    adjusted = [dataclasses.replace(c, p_value=p) for c, p in zip(changes, sure, strict=True)]
+    there = {_pair(row) for row in now}
+    missing = sorted({_pair(row) for row in before} - there)
+    return Verdict(tuple(adjusted), tuple(missing))
+
+
+def _pair(row: Row) -> tuple[str, str]:
+    return str(row["system"]), str(row["sequence"])
+
+
+def _same_question(now: Sequence[Row], before: Sequence[Row]) -> None:
+    known = {row["sequence"]: row for row in before}
+    for row in now:
+        other = known.get(row["sequence"])
+        for what in ("ground_truth", "parameters"):
+            column = f"{what}_sha256"
+            if other is not None and other.get(column) != row.get(column):
+                shown = what.replace("_", " ")
+                raise GateError(
+                    f"sequence {row['sequence']}: its {shown} in the baseline is another,"
+                    " so the figures cannot be compared"
+                )
+
+
+def _change(
+    system: str, figure: Figure, now: Sequence[Row], before: Sequence[Row]
+) -> Change | None:
+    ours, theirs = _by_sequence(system, figure, now), _by_sequence(system, figure, before)
+    common = sorted(set(ours) & set(theirs))
+    if not common:
+        return None
+    sign = -1.0 if figure.larger_is_better else 1.0
+    p_value = p_smaller(
+        {name: sign * theirs[name] for name in common},
+        {name: sign * ours[name] for name in common},
+        two_sided=False,
+    )
+    return Change(system, figure, _typical(ours, common), _typical(theirs, common), p_value)
+
+
+def _by_sequence(system: str, figure: Figure, rows: Sequence[Row]) -> dict[str, Runs]:
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        if row["system"] == system:
+            groups.setdefault(str(row["sequence"]), []).append(row)
+    found = {name: values(group, figure) for name, group in groups.items()}
+    return {name: runs for name, runs in found.items() if len(runs)}
+
+
+def _typical(runs: dict[str, Runs], common: Sequence[str]) -> float:
+    medians = [np.quantile(runs[name], 0.5, method="inverted_cdf") for name in common]
+    with np.errstate(divide="ignore"):
+        return float(np.exp(np.mean(np.log(medians))))
+
+
+def write_junit(path: Path, verdict: Verdict) -> None:
+    """Write what CI servers show: a test case for each change, failed where it is worse."""
+    failures = len(verdict.missing) + sum(change.worse for change in verdict.changes)
+    suite = ElementTree.Element(
+        "testsuite",
+        name="benchmark",
+        tests=str(len(verdict.changes) + len(verdict.missing)),
+        failures=str(failures),
+        errors="0",
+    )
+    for change in verdict.changes:
+        case = ElementTree.SubElement(
+            suite, "testcase", classname=change.system, name=change.figure.title
+        )
+        if change.worse:
+            ElementTree.SubElement(case, "failure", message=change.line)
+    for system, sequence in verdict.missing:
+        case = ElementTree.SubElement(suite, "testcase", classname=system, name=sequence)
+        message = f"{system} has no run on {sequence} any more"
+        ElementTree.SubElement(case, "failure", message=message)
+    ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)

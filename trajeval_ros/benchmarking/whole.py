@@ -1,0 +1,86 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A benchmark from its manifest to its files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from trajeval_ros.benchmarking import cluster, tables
+from trajeval_ros.benchmarking.manifest import Manifest, read_manifest
+from trajeval_ros.benchmarking.plan import plan, tasks
+from trajeval_ros.benchmarking.results import CSV, Results, frame, in_order, read_csv, still_good
+from trajeval_ros.benchmarking.table import tables as make_tables
+from trajeval_ros.benchmarking.work import Row
+
+Progress = Callable[[int, int], None]
+
+
+class OutputExistsError(ValueError):
+    """There are results in the folder already."""
+
+
+def run(
+    manifest: Manifest,
+    folder: Path,
+    client: Any,
+    *,
+    resume: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> list[Row]:
+    """Evaluate every run of a manifest; write ``results.csv``, ``.parquet`` and the tables.
+
+    ``resume``: rows that are there of the same contents are kept. ``progress`` is told how many
+    runs of how many are done. Returns the rows in the order of their names.
+
+    Raises :class:`OutputExistsError` without ``resume`` where there are results already,
+    :class:`~trajeval_ros.benchmarking.results.ResultsError` for those that cannot be read, and
+    :class:`~trajeval_ros.benchmarking.cluster.ClusterError` where the scheduler is gone; what was
+    done until then is in ``results.csv``.
+    """
+    there = (folder / CSV).is_file()
+    if there and not resume:
+        raise OutputExistsError(f"{folder / CSV} is there already: resume it, or name a new folder")
+    planned = plan(manifest)
+    keys = [one.key for runs in planned.values() for one in runs]
+    results = Results(folder, still_good(read_csv(folder / CSV) if there else (), keys))
+    done = {row["key"] for row in results.rows}
+    left = {name: [one for one in runs if one.key not in done] for name, runs in planned.items()}
+    progress(len(done), len(keys))
+    todo = tasks(manifest, left, cluster.workers_of(client))
+    for rows in cluster.evaluate(client, todo):
+        results.add(rows)
+        progress(len(results.rows), len(keys))
+    results.finish()
+    rows = in_order(results.rows)
+    tables.write(folder, make_tables(rows))
+    return rows
+
+
+def benchmark(
+    manifest: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    client: Any = None,
+    *,
+    resume: bool = False,
+) -> Any:
+    """Evaluate every run that a manifest names (``docs/benchmark.md``), on all cores.
+
+    Returns a ``pandas.DataFrame``, a row a run, with every scalar of its ``summary.json`` under its
+    dotted name; files of it and the tables are written to the folder ``output``. ``client``: a
+    ``distributed.Client`` whose cluster is to do the work. Without one a cluster of processes is
+    started, so a script needs ``if __name__ == "__main__":`` around the call. ``resume``: rows
+    that are in ``output`` already, of the same contents, are kept. Needs the extra ``benchmark``.
+
+    Raises :class:`ValueError` for a manifest with mistakes, which it lists by line, and where
+    ``output`` has results and ``resume`` is not set.
+    """
+    read = read_manifest(os.fspath(manifest))
+    folder = Path(output).expanduser()
+    if client is not None:
+        return frame(run(read, folder, client, resume=resume))
+    with cluster.cluster() as own:
+        return frame(run(read, folder, own, resume=resume))
