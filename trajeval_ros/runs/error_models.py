@@ -45,7 +45,7 @@ class LiveErrorModels:
 
     def add(self, evaluations: Evaluations, offset: int) -> None:
         """Take poses, whose stamps on the ground truth's clock are ``offset`` (ns) later."""
-        if len(evaluations):
+        if evaluations.sampled.any():
             self._running.add(_poses(evaluations, offset))
             self._current = False
 
@@ -103,7 +103,7 @@ def error_models(
     live = LiveErrorModels(engine.settings.evaluation.window)
     poses = []
     for part in parts:
-        if len(part):
+        if part.sampled.any():
             poses.append(_poses(part, offset))
             live.add(part, offset)
             while not whole and live.fit_block():
@@ -135,14 +135,16 @@ def put_into(summary: Figures, models: dict[str, Figures]) -> None:
 
 
 def _poses(evaluations: Evaluations, offset: int) -> Poses:
+    """Those outside the ground truth's gaps, within which its errors go on from pose to pose."""
+    known = evaluations.sampled
     return Poses(
         Recorded(
-            evaluations.stamps + offset,
-            evaluations.ground_truth,
-            evaluations.covariance,
-            evaluations.twist,
+            evaluations.stamps[known] + offset,
+            evaluations.ground_truth[known],
+            evaluations.covariance[known],
+            evaluations.twist[known],
         ),
-        evaluations.estimate,
+        evaluations.estimate[known],
     )
 
 

@@ -1,0 +1,29 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What of a run the error model is of."""
+
+import numpy as np
+from twins.runs import SECOND, START, motion
+
+import trajeval_ros as te
+
+
+def test_a_gap_of_the_ground_truth_is_no_jump_of_the_estimate() -> None:
+    seconds = np.arange(0.0, 30.0, 0.02)
+    rng = np.random.default_rng(4)
+    poses = motion(seconds)
+    poses[:, :3, 3] += 5e-4 * rng.normal(size=(len(seconds), 3))
+    sampled = (seconds < 12.0) | (seconds > 18.0)
+    stamps = START + np.rint(seconds * SECOND).astype(np.int64)
+    estimate = motion(seconds[5::4])
+    estimate[:, :3, 3] += 4e-3 * rng.normal(size=(len(estimate), 3))
+    result = te.evaluate(
+        te.Trajectory(stamps[sampled], poses[sampled]),
+        te.Trajectory(stamps[5::4], estimate),
+        ground_truth_max_gap=10.0,
+    )
+    model = result.summary["error_model"]
+    assert result.summary["estimate"]["evaluated"] > model["poses"] == result.poses.sampled.sum()
+    assert model["jumps"] == []
+    jitter = model["translation"]["jitter_std"]
+    assert abs(jitter["value"] - 4e-3) < 4.0 * jitter["std"]
