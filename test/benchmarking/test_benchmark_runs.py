@@ -21,10 +21,12 @@ import pytest
 from benchmarking.conftest import ROOT, make_runs
 
 import trajeval_ros as te
+from trajeval_ros.benchmarking import cluster
 from trajeval_ros.benchmarking.manifest import read_manifest
+from trajeval_ros.benchmarking.plan import Task
 from trajeval_ros.benchmarking.results import Results, read_csv, read_results
 from trajeval_ros.benchmarking.whole import OutputExistsError, run
-from trajeval_ros.benchmarking.work import LOST, OK, Row, summaries_of
+from trajeval_ros.benchmarking.work import LOST, OK, Row, failed, summaries_of
 from trajeval_ros.commands import benchmark, simulate
 
 pytest.importorskip("distributed")
@@ -195,8 +197,6 @@ def test_after_kills_every_row_is_there_once(done: Done, tmp_path: Path) -> None
 def test_a_scheduler_that_is_not_there_is_said(
     done: Done, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from trajeval_ros.benchmarking import cluster
-
     # Not the ten seconds that a busy network may need.
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     manifest, _ = done
@@ -231,3 +231,62 @@ def test_the_page_s_commands_run(
         Path(name).parent.mkdir(parents=True, exist_ok=True)
         Path(name).write_text("0.0 0 0 0 0 0 0 1\n")
     assert len(read_manifest("example.yaml").runs) == 2
+
+
+def deadly(task: Task) -> list[Row]:
+    """In place of the work: a run that kills whoever takes it, as one without memory does."""
+    if any(one.run.run == "bad" for one in task.runs):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return [failed(one, "not evaluated here") for one in task.runs]
+
+
+def test_a_run_that_kills_its_workers_costs_itself_alone(
+    done: Done, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import dask
+
+    manifest, rows = done
+    monkeypatch.setattr(cluster, "rows_of", deadly)
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        cluster.cluster(workers=1) as own,
+    ):
+        found = run(read_manifest(manifest), tmp_path / "out", own)
+    assert [row["key"] for row in found] == [row["key"] for row in rows]
+    (lost,) = [row for row in found if row["status"] == LOST]
+    assert lost["run"] == "bad"
+    assert lost["error"] == "every worker died that evaluated it"
+
+
+def test_a_scheduler_that_dies_is_said_and_what_is_done_is_kept(
+    done: Done, tmp_path: Path, client: Any
+) -> None:
+    del client
+    manifest, _ = done
+    address, out = tmp_path / "scheduler.json", tmp_path / "out"
+    with contextlib.ExitStack() as stack:
+        scheduler = stack.enter_context(
+            process(
+                *("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"),
+                *("--no-dashboard", "--scheduler-file", str(address)),
+            )
+        )
+        wait_for(address, 1)
+        found = re.search(r"tcp://[0-9.:]+", address.read_text())
+        assert found is not None
+        # There is no worker, so that it dies before anything is done.
+        asked = (str(manifest), "--output", str(out), "--scheduler", found[0])
+        command = subprocess.Popen(
+            [sys.executable, "-m", "trajeval_ros", "benchmark", *asked],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        stack.callback(command.kill)
+        wait_for(out / "results.csv", 0)
+        time.sleep(0.5)
+        scheduler.kill()
+        _, said = command.communicate(timeout=60)
+    assert command.returncode == 1
+    assert "benchmark: error: the scheduler is gone; --resume goes on" in said
+    assert read_csv(out / "results.csv") == []

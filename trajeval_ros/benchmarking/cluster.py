@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -65,36 +66,50 @@ def workers_of(client: Any) -> int:
 def evaluate(client: Any, tasks: Iterable[Task]) -> Iterator[list[Row]]:
     """Yield the rows of each task as it is done.
 
-    Dask gives the tasks of a worker that dies to another. A task at which one after another dies
-    is cut into its runs; a run at which they die has a row that says so.
+    Dask gives the tasks of a worker that dies to another, and gives up those at which several died.
+    Which of them killed the workers cannot be told, as others were there: so each run of theirs is
+    done once more at the end, with no other beside it. One at which workers die then has a row
+    that says so.
 
     Raises :class:`ClusterError` where the scheduler is gone.
     """
-    from distributed import KilledWorker, as_completed
+    from distributed import as_completed
 
     waiting = {_submit(client, task): task for task in tasks}
-    done = as_completed(list(waiting))
-    for future in done:
+    suspects: list[Task] = []
+    for future in as_completed(list(waiting)):
         task = waiting.pop(future)
-        if future.cancelled() or future.status == "lost":
-            raise ClusterError("the scheduler is gone")
-        error = future.exception()
-        if error is None:
-            rows: list[Row] = future.result()
-            # The worker may forget them.
-            future.release()
+        rows = _result(future)
+        if isinstance(rows, list):
             yield rows
-        elif len(task.runs) > 1:
-            for one in task.runs:
-                alone = Task(task.ground_truth, task.parameters, (one,))
-                again = _submit(client, alone)
-                waiting[again] = alone
-                done.add(again)
-        elif isinstance(error, KilledWorker):
-            yield [failed(task.runs[0], "every worker died that evaluated it", LOST)]
         else:
-            said = " ".join(f"{type(error).__name__}: {error}".split())
-            yield [failed(task.runs[0], said, LOST)]
+            suspects += [dataclasses.replace(task, runs=(one,)) for one in task.runs]
+    for task in suspects:
+        rows = _result(_submit(client, task))
+        yield rows if isinstance(rows, list) else [failed(task.runs[0], _said(rows), LOST)]
+
+
+def _result(future: Any) -> list[Row] | Exception:
+    """Wait for the rows of a task, or what became of it instead."""
+    from distributed import CancelledError
+
+    try:
+        rows: list[Row] = future.result()
+    except CancelledError as error:
+        raise ClusterError("the scheduler is gone") from error
+    except Exception as error:  # noqa: BLE001 (what Dask has to say of workers, whatever it is)
+        return error
+    # The worker may forget them.
+    future.release()
+    return rows
+
+
+def _said(error: Exception) -> str:
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        return "every worker died that evaluated it"
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _submit(client: Any, task: Task) -> Any:
