@@ -194,3 +194,7 @@ def _gate(arguments: argparse.Namespace, rows: Sequence[Row], before: Sequence[R
     if arguments.fail_on == "regression" and verdict.regressed:
         return console.fail("benchmark", "worse than the baseline", console.NOT_GOOD_ENOUGH)
     return console.DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main())
