@@ -14,7 +14,7 @@ EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
     # evaluate bag, replay bag
     "bags": ["rosbags>=0.10"],
-    # The plots of report.html
+    # The plots of report.html, evaluate --figures
     "report": ["matplotlib>=3.6"],
     # Intervals by the stationary bootstrap where two estimates are compared
     "comparison": ["arch>=6.2"],

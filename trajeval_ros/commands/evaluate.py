@@ -9,6 +9,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from trajeval_ros.commands import completion, console
@@ -65,6 +66,11 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         "--mcap",
         metavar="FILE",
         help="write what the node would have published, and the trajectories, to this bag",
+    )
+    parser.add_argument(
+        "--figures",
+        metavar="DIR",
+        help="write the figures of a paper to this folder: PDF and SVG, for one column and for two",
     )
     parser.add_argument(
         "--apply",
@@ -159,6 +165,10 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
         raise console.UsageError(f"--align-origin aligns by itself: it excludes gauge={gauge}")
     if arguments.mcap:
         _require_rosbags()
+    if arguments.figures and find_spec("matplotlib") is None:
+        raise console.CommandError(
+            "--figures: drawing needs the library matplotlib: pip install matplotlib"
+        )
     data = inputs.read(arguments)
     offsets = [float(parameters[f"{name}.time_offset"]) for name in data.names]  # type: ignore[arg-type]
     for estimate, offset in zip(data.estimates, offsets, strict=True):
@@ -177,6 +187,7 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
         align_origin=arguments.align_origin,
         given=arguments.given,
         mcap=arguments.mcap,
+        pictures=arguments.figures,
     )
 
 

@@ -60,10 +60,12 @@ def score(
     align_origin: bool = False,
     given: Sequence[str] = (),
     mcap: str | None = None,
+    pictures: str | None = None,
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
 
-    ``mcap``: a bag of all topics of the node, to be written.
+    ``mcap``: a bag of all topics of the node, to be written; ``pictures``: a folder for the figures
+    of a paper.
     ``given``: the command line, for the summary to say how it can be made again.
 
     ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
@@ -143,6 +145,12 @@ def score(
         except BagWriteError as error:
             failures.append(str(error))
             mcap = None
+    drawn: tuple[str, ...] = ()
+    if pictures:
+        try:
+            drawn = _draw(Path(pictures).expanduser(), data, parameters, found, scorings)
+        except CommandError as error:
+            failures.append(str(error))
     for remark in data.remarks:
         print(f"info: {remark}")
     for number, (name, run) in enumerate(runs.items()):
@@ -160,6 +168,8 @@ def score(
         print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
     if mcap:
         print(f"\nWritten: {Path(mcap).expanduser().absolute()}")
+    if pictures and drawn:
+        print(f"\nWritten: {len(drawn)} files in {Path(pictures).expanduser().absolute()}")
     settings = settings_of(parameters, data.names)
     judgements = {
         name: judge(name, earlier, found[name], settings)
@@ -167,6 +177,36 @@ def score(
         if len(found[name].stamps)
     }
     return Outcome(summary, found, tuple(dict.fromkeys(failures)), judgements)
+
+
+def _draw(
+    folder: Path,
+    data: Inputs,
+    parameters: Mapping[str, Value],
+    found: Mapping[str, Scored],
+    scorings: Mapping[str, Scoring],
+) -> tuple[str, ...]:
+    """Write the figures of a paper; return the names of the files."""
+    from trajeval_ros.report import paper
+
+    settings = settings_of(parameters, data.names)
+    drawn = [
+        paper.curves(
+            one.evaluated,
+            one.summary,
+            scorings[name].report.track.buckets(),
+            settings.evaluation,
+            settings.estimates[name].time_offset,
+        )
+        for name, one in found.items()
+    ]
+    with_ate = [one for one in drawn if one is not None]
+    if not with_ate:
+        raise CommandError("--figures: there is no ATE to be drawn")
+    try:
+        return paper.write_figures(folder, with_ate)
+    except OSError as error:
+        raise CommandError(f"cannot write {folder}: {error.strerror or error}") from error
 
 
 def _with_arguments(scored: Scored, given: Sequence[str]) -> Scored:
