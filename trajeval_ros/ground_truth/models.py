@@ -148,7 +148,8 @@ class MotionAndNoise:
         n² = n_0² + f² Σ_k w_k q_k hᵐ,   q_k = c_k σ_k² (√m/l_k)ᵐ,   m = 5, 7, 3,
 
     q being the spectral density of the white noise that drives a Matérn process, and n_0 has a
-    prior: flat in log n_0 from a fifth of the soft limit to the limit, falling off on both sides.
+    prior: flat in log n_0 from a fifth of the soft limit to the limit, falling off on both sides,
+    at last by a power only where it is large.
     Where rough motion can stand for the noise, the likelihood hardly falls as n_0 goes to zero, and
     the errors between the samples would be many times as large as such a process says: samples have
     to show that they are cleaner than usual. The constants come from ``performance/calibration.py``
@@ -161,6 +162,7 @@ class MotionAndNoise:
     smooth_length: tuple[float, float] = (math.log(1.2), 0.7)  # of log l of Matérn 7/2, normal
     usual_noise: float = 0.2  # in soft limits
     noise_stds: tuple[float, float] = (0.4, 0.25)  # of log n_0, below what is usual and above
+    noise_tail: float = 3.0  # standard deviations above, from which on the density is a power
     shortest: float = 1.5  # of l, in sample intervals
     motions: ClassVar[tuple[_Motion, ...]] = (
         _Motion(Matern52(), 5, 16.0 / 3.0, 0.45),
@@ -210,8 +212,12 @@ class MotionAndNoise:
         usual = min(max(theta[-1], highest + math.log(self.usual_noise)), highest)
         std = self.noise_stds[int(theta[-1] > usual)]
         noise = (theta[-1] - usual) / std
-        gradient[-1], curvature[-1] = -noise / std, float(noise != 0.0) / std**2
-        return -0.5 * (length**2 + noise**2), gradient, curvature
+        # Satellites know a position to centimetres or metres: of that much noise a few segments
+        # have to be enough evidence, so the tail above falls off by a power only.
+        tail = min(noise, self.noise_tail)
+        gradient[-1], curvature[-1] = -tail / std, float(tail == noise != 0.0) / std**2
+        improbable = 0.5 * tail**2 + tail * (noise - tail)
+        return -0.5 * length**2 - improbable, gradient, curvature
 
     def bounds(self, grid: Grid) -> Bounds:
         """From far below to far above what the data show."""
@@ -230,7 +236,7 @@ class MotionAndNoise:
         """Fast or slow smooth motion, fast or slow rougher motion, clean or noisy samples."""
         lengths = (4.0 * grid.interval, 1.5)
         rougher = ((6.0 * grid.interval, math.exp(-2.0)), (5.0, math.exp(-2.0)))
-        noises = (3e-5, 4e-4, 3e-3)
+        noises = (3e-5, 4e-4, 3e-3, 5e-2)
         s = grid.spread
         return [
             np.log([s * less, rough, s, smooth, s * less**2, rough, noise])
