@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
+from trajeval_ros.node.any_message import AnyInput
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
 from trajeval_ros.node.compared import Compared
 from trajeval_ros.node.discovery import waiting
@@ -68,7 +69,11 @@ def _input(node: Node, name: str, values: Mapping[str, Value]) -> Input:
     reliability = str(values[f"{name}.reliability"])
     if ":" in topic:
         return TransformInput(node, topic, reliability)
-    return Input(node, topic, str(values[f"{name}.type"]), reliability)
+    kind = str(values[f"{name}.type"])
+    if "/" in kind:
+        fields = str(values[f"{name}.field"]), str(values[f"{name}.stamp_field"])
+        return AnyInput(node, topic, kind, fields, reliability)
+    return Input(node, topic, kind, reliability)
 
 
 class Evaluator(Node):

@@ -154,7 +154,8 @@ def constraints(parameter: Parameter) -> str:
     """Return what a value must be, in words: a descriptor's range cannot exclude its bounds."""
     words = []
     if parameter.choices:
-        words.append("one of " + ", ".join(parameter.choices))
+        instead = ", or package/msg/Type" if parameter.is_open else ""
+        words.append("one of " + ", ".join(parameter.choices) + instead)
     if parameter.lower is not None:
         words.append(f"at least {parameter.lower!r}")
     if parameter.upper is not None:

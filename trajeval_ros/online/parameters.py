@@ -41,13 +41,17 @@ class Parameter:
     dynamic: bool = False
     pattern: str = ""
     """What a string that is not empty must match as a whole."""
+    is_open: bool = False
+    """Whether a message type, ``package/msg/Type``, may be given instead of the choices."""
 
     def validate(self, value: object) -> Value:
         """Return ``value`` in the parameter's type; raises :class:`ParameterError`."""
         converted = self._convert(value)
-        if self.choices and converted not in self.choices:
+        is_type = self.is_open and re.fullmatch(_TYPE, str(converted)) is not None
+        if self.choices and converted not in self.choices and not is_type:
+            instead = " or package/msg/Type" if self.is_open else ""
             raise ParameterError(
-                f"{self.name} must be one of {', '.join(self.choices)}, got {converted!r}"
+                f"{self.name} must be one of {', '.join(self.choices)}{instead}, got {converted!r}"
             )
         if self.pattern and converted and not re.fullmatch(self.pattern, str(converted)):
             raise ParameterError(f"{self.name}: {converted!r} is neither a topic nor a transform")
@@ -105,6 +109,7 @@ IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 MESSAGE_TYPES = ("PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped")
 
+_TYPE = r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*"
 _TOPIC = r"~?/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*(:[^:.]+\.[^:]+)?"
 
 
@@ -120,8 +125,21 @@ def _topic(name: str, title: str) -> tuple[Parameter, ...]:
         Parameter(
             f"{name}.type",
             "auto",
-            f"Message type of the {title}; auto takes the type of its publishers",
+            f"Message type of the {title}, also any installed one as package/msg/Type; auto takes"
+            " the type of its publishers",
             choices=("auto", *MESSAGE_TYPES),
+            is_open=True,
+        ),
+        Parameter(
+            f"{name}.field",
+            "pose",
+            f"Field of the {title}'s pose where type is package/msg/Type, as in"
+            " poses[name=drone].pose",
+        ),
+        Parameter(
+            f"{name}.stamp_field",
+            "header.stamp",
+            f"Field of the {title}'s stamp, a ROS time, where type is package/msg/Type",
         ),
         Parameter(
             f"{name}.reliability",
@@ -444,6 +462,7 @@ def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[s
     merged["estimates"] = tuple(names)
     if "extrinsic" in merged:
         _agree(merged, "extrinsic", f"{names[0]}.extrinsic")
+    _check_fields(merged)
     if merged["segment.min_samples"] > merged["segment.max_samples"]:  # type: ignore[operator]
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")
     delta = merged["relative.delta"]
@@ -459,6 +478,16 @@ def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[s
                         f"gp.{group}.{part}_std, got {noise!r} and {signal!r}"
                     )
     return merged
+
+
+def _check_fields(values: Mapping[str, Value]) -> None:
+    """Refuse a field that would be passed over."""
+    for name, value in values.items():
+        source, _, part = name.rpartition(".")
+        if part not in ("field", "stamp_field") or "/" in str(values[f"{source}.type"]):
+            continue
+        if value != PARAMETERS[f"ground_truth.{part}"].default:
+            raise ParameterError(f"{name} needs {source}.type to be a package/msg/Type")
 
 
 def _agree(values: dict[str, Value], *pair: str) -> None:
