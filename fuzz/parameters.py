@@ -47,7 +47,8 @@ def value(rng: np.random.Generator, parameter: Parameter, folder: Path) -> str:
             pose = [*rng.normal(size=3), *(turn / np.linalg.norm(turn))]
             return ",".join(f"{number:.6g}" for number in pose)
         case str():
-            return str(rng.choice(parameter.choices))
+            free = ("", "/estimate", "estimate", "/tf:map.base_link", "/tf:", "pose.pose", "a[0].b")
+            return str(rng.choice(parameter.choices or free))
     lower, upper = parameter.lower, parameter.upper
     assert lower is not None
     assert upper is not None

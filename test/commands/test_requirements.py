@@ -163,7 +163,7 @@ def test_json_has_stdout_alone(run: tuple[str, str], tmp_path: Path) -> None:
 def test_json_of_several(run: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["tum", *run, run[1], "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert sorted(found) == ["comparison", "estimates", "ground_truth"]
+    assert sorted(found) == ["comparison", "estimates", "ground_truth", "likely_causes"]
 
 
 def test_quiet_prints_errors_alone(run: tuple[str, str]) -> None:
