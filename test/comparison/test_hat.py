@@ -84,6 +84,7 @@ def test_the_cause_has_the_stretch_and_the_figures():
     wrong = {"moved": (0.4, 0.6), "offset": (0.5, 0.0, 0.0)}
     pair = [run(1, **wrong), run(2, **wrong)]
     (cause,) = causes_of_all(pair)
+    assert causes_of_all(pair, "sim3") == ()
     found = shared_error(pair)
     assert cause.code == "ground_truth_or_shared"
     assert f"from {found.begin * 1e-9:.3f} s to {found.end * 1e-9:.3f} s" in cause.text

@@ -122,7 +122,10 @@ def score(
             )
             shared = shield(
                 "the search for likely causes",
-                lambda: causes_of_all([one.evaluated for one in found.values()]),
+                lambda: causes_of_all(
+                    [o.evaluated for o in found.values() if not o.summary.get("position_only")],
+                    str(parameters["gauge"]),
+                ),
                 (),
                 none.append,
             )

@@ -120,7 +120,8 @@ class Outputs:
     @property
     def publishers(self) -> tuple[Publisher, ...]:
         """Those whose subscribers are waited for at the end."""
-        return *self._numbers.values(), self._relative, self._absolute, self._pose
+        errors = self._errors.values()
+        return *self._numbers.values(), *errors, self._relative, self._absolute, self._pose
 
 
 @dataclass(frozen=True, slots=True)

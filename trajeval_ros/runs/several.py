@@ -36,9 +36,12 @@ def compared(
     return tuple(compare(a, b, gauge, delta, unit, method) for a, b in pairs)
 
 
-def causes_of_all(evaluated: Sequence[Evaluated]) -> tuple[Cause, ...]:
-    """Return what is likely wrong by what the estimates have in common, if anything is."""
-    found = shared_error(evaluated)
+def causes_of_all(evaluated: Sequence[Evaluated], gauge: str = "se3") -> tuple[Cause, ...]:
+    """Return what is likely wrong by what the estimates have in common, if anything is.
+
+    Nothing where a scale is not known: estimates may well share that.
+    """
+    found = None if gauge == "sim3" else shared_error(evaluated)
     if found is None:
         return ()
     when = f"from {found.begin * 1e-9:.3f} s to {found.end * 1e-9:.3f} s"
