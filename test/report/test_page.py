@@ -336,6 +336,7 @@ def test_an_estimate_that_dies_is_said_to_and_all_of_the_ground_truth_is_drawn()
     series = make_series(run)
     gone = run.way.stamps[-1] / 1e9 - series.start / 1e9
     assert gone > series.seconds[-1] + 15.0
+    pytest.importorskip("matplotlib")
     from trajeval_ros.report import plots
 
     with_way = len(re.findall("stroke-dasharray", plots.trajectory(run, series)))
