@@ -297,7 +297,7 @@ class _Problem:
         """
         for _ in range(iterations):
             std = np.sqrt(np.diag(found.likelihood.theta_covariance))[: len(NAMES)]
-            step = _shown(found.likelihood)
+            step, _ = _shown(found.likelihood)
             if (np.abs(step) < _CONVERGED * std).all():
                 break
             step = step * min(1.0, _LONGEST_STEP / max(abs(float(step[0])), 1e-12))
@@ -341,10 +341,11 @@ def _described(
     here = found.likelihood
     count = len(NAMES)
     inflation = np.maximum(here.clustered_ratio(_blocks(here.count))[:count], 1.0)
-    covariance = _covariance(here) * inflation * inflation[:, None]
+    step, covariance = _shown(here)
+    covariance = covariance * inflation * inflation[:, None]
     changes = clock_changes(_stretches(stamps, nuisances, found, np.sqrt(np.diag(covariance))))
     clocks = _clock_by_group(nuisances, found)
-    nuisances = nuisances.moved(_shown(here))
+    nuisances = nuisances.moved(step)
     white = here.innovations()
     autocorrelation = np.array(
         [
@@ -476,23 +477,19 @@ def _long_run(values: Array, covariance: Array) -> Figure:
     return Figure(total, float(np.sqrt(max(variance, 0.0))))
 
 
-def _shown(here: Likelihood) -> Array:
-    """θ (9,), in the directions that the motion shows, given that there is nothing in the others.
+def _shown(here: Likelihood) -> tuple[Array, Array]:
+    """θ (9,) of the nuisances with its covariance (9, 9), as far as the motion shows them.
 
-    There, each step would be as long as its standard deviation, and none the last.
+    In the directions that it does not show there is nothing, and the covariance is large: there,
+    each step would be as long as its standard deviation, and none the last.
     """
-    information, seen, _ = _directions(here)
-    right = seen.T @ information @ (here.theta[: len(NAMES)] / OBSERVED_STD)
-    step = seen @ np.linalg.solve(seen.T @ information @ seen, right)
-    return np.asarray(step * OBSERVED_STD)
-
-
-def _covariance(here: Likelihood) -> Array:
-    """Of the nuisances, (9, 9); large in the directions that the motion does not show."""
     information, seen, hidden = _directions(here)
-    scaled = seen @ np.linalg.inv(seen.T @ information @ seen) @ seen.T
+    known = seen.T @ information @ seen
+    right = seen.T @ information @ (here.theta[: len(NAMES)] / OBSERVED_STD)
+    theta = seen @ np.linalg.solve(known, right) * OBSERVED_STD
+    scaled = seen @ np.linalg.inv(known) @ seen.T
     scaled += _UNKNOWN * hidden @ hidden.T
-    return np.asarray(scaled * OBSERVED_STD * OBSERVED_STD[:, None])
+    return theta, np.asarray(scaled * OBSERVED_STD * OBSERVED_STD[:, None])
 
 
 def _directions(here: Likelihood) -> tuple[Array, Array, Array]:
