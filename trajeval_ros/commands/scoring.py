@@ -64,9 +64,8 @@ def score(
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
 
-    ``mcap``: a bag of all topics of the node, to be written; ``pictures``: a folder for the figures
-    of a paper.
-    ``given``: the command line, for the summary to say how it can be made again.
+    ``given``: the command line, for the summary to say how it can be made again. ``mcap``: a bag of
+    all topics of the node, to be written; ``pictures``: a folder for the figures of a paper.
 
     ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
     first pose of each is laid on the ground truth's, and nothing else is aligned. With several
@@ -104,43 +103,19 @@ def score(
                     raise
                 failures.append(str(error))
             run.write(found[name])
+        summaries = {name: one.summary for name, one in found.items()}
         comparisons: tuple[Comparison, ...] = ()
         shared: tuple[Cause, ...] = ()
+        (summary, *_) = summaries.values()
         if len(runs) > 1:
-            none: list[str] = []
-            comparisons = shield(
-                "the comparison",
-                lambda: comparisons_on_positions(
-                    compared(
-                        [one.evaluated for one in found.values()],
-                        settings_of(parameters, data.names).evaluation,
-                    ),
-                    {name: one.summary for name, one in found.items()},
-                ),
-                (),
-                none.append,
-            )
-            shared = shield(
-                "the search for likely causes",
-                lambda: causes_of_all(
-                    [o.evaluated for o in found.values() if not o.summary.get("position_only")],
-                    str(parameters["gauge"]),
-                ),
-                (),
-                none.append,
-            )
-            failures += none
-        (summary, *_) = (one.summary for one in found.values())
-        if len(runs) > 1:
-            alone = {name: one.summary for name, one in found.items()}
-            summary = together(alone, comparisons, shared)
-        if len(runs) > 1 and output:
-            try:
-                write_summary(Path(output).expanduser(), summary)
-            except OutputError as error:
-                failures += error.lines
+            comparisons, shared = _compared(found, summaries, parameters, failures)
+            summary = together(summaries, comparisons, shared)
+            if output:
+                try:
+                    write_summary(Path(output).expanduser(), summary)
+                except OutputError as error:
+                    failures += error.lines
     if mcap:
-        summaries = {name: one.summary for name, one in found.items()}
         estimates = dict(zip(data.names, data.estimates, strict=True))
         recording = Recording(data.ground_truth, estimates, recorded, summaries, comparisons)
         try:
@@ -163,7 +138,6 @@ def score(
         failures += dict.fromkeys(run.failures.values())
     if comparisons:
         print("\nCompared, each with each\n")
-        summaries = {name: one.summary for name, one in found.items()}
         print("\n".join(figures.side_by_side(summaries)) + "\n")
         print("\n".join(f"{sentence(comparison)}." for comparison in comparisons))
         print("".join(f"\n{cause.sentence}\n" for cause in shared), end="")
@@ -180,6 +154,33 @@ def score(
         if len(found[name].stamps)
     }
     return Outcome(summary, found, tuple(dict.fromkeys(failures)), judgements)
+
+
+def _compared(
+    found: Mapping[str, Scored],
+    summaries: Mapping[str, Mapping[str, Any]],
+    parameters: Mapping[str, Value],
+    failures: list[str],
+) -> tuple[tuple[Comparison, ...], tuple[Cause, ...]]:
+    """Compare each pair, and look for what they have in common; ``failures`` gets the defects."""
+    evaluated = {name: one.evaluated for name, one in found.items()}
+    settings = settings_of(parameters, tuple(found)).evaluation
+    no_comparisons: tuple[Comparison, ...] = ()
+    no_causes: tuple[Cause, ...] = ()
+    comparisons = shield(
+        "the comparison",
+        lambda: comparisons_on_positions(compared(evaluated.values(), settings), summaries),
+        no_comparisons,
+        failures.append,
+    )
+    turning = [one for name, one in evaluated.items() if not summaries[name].get("position_only")]
+    shared = shield(
+        "the search for likely causes",
+        lambda: causes_of_all(turning, settings.gauge.name),
+        no_causes,
+        failures.append,
+    )
+    return comparisons, shared
 
 
 def _draw(

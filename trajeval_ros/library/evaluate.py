@@ -4,36 +4,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any, overload
 
-import numpy as np
-
-from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.compare import Comparison
+from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.provenance import described
 from trajeval_ros.files.span import Instant, cut_all, span_of
 from trajeval_ros.library.result import Poses, Result, Results
 from trajeval_ros.library.settings import parameters_of
 from trajeval_ros.library.trajectory import Trajectory
-from trajeval_ros.online import whole_run
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_evenly
 from trajeval_ros.online.parameters import ONE, of_estimate
-from trajeval_ros.online.results import Results as EngineResults
 from trajeval_ros.report import Report
-from trajeval_ros.runs.error_models import error_models, put_into
-from trajeval_ros.runs.offline import causes_of_rows, count_left_out, why_none
-from trajeval_ros.runs.origin import origin
-from trajeval_ros.runs.position_only import (
-    comparisons_on_positions,
-    is_position_only,
-    notices_on_positions,
-    without_orientation,
-)
+from trajeval_ros.runs.offline import WholeRun, completed, why_none
+from trajeval_ros.runs.position_only import comparisons_on_positions
 from trajeval_ros.runs.several import compared
-from trajeval_ros.wall import shield
 
 # Points of the report's running figures.
 _PIECES = 120
@@ -111,8 +98,8 @@ def _evaluate(
 ) -> tuple[dict[str, Result], list[Comparison]]:
     names = tuple(estimates)
     parameters = parameters_of(settings, names)
-    joint = parameters["likelihood.covariance"] == "joint"
-    engine = Engine(parameters, names, whole=not joint)
+    whole = parameters["likelihood.covariance"] != "joint"
+    engine = Engine(parameters, names, whole=whole)
     truth, estimates = _cut(truth, estimates, engine, start, end)
     records = {
         name: Report(
@@ -121,19 +108,19 @@ def _evaluate(
         )
         for name, one in estimates.items()
     }
-    kept: dict[str, list[EngineResults]] = {name: [] for name in names}
+    kept = {name: WholeRun() for name in names}
     samples = {name: one.samples for name, one in estimates.items()}
     for found in feed_evenly(engine, truth.samples, samples, _PIECES):
         for name, results in found.items():
             records[name].add(results)
-            kept[name].append(results)
+            kept[name].add(results)
+    source = described(truth.data.source)
     found_of = {
-        name: _result(engine, name, truth, one, kept[name], records[name], joint)
+        name: _result(engine, name, truth, one, kept[name], records[name], source, whole)
         for name, one in estimates.items()
     }
     evaluated = [
-        _compared(name, one.poses, engine.settings.estimates[name].time_offset)
-        for name, one in found_of.items()
+        kept[name].known(name, engine.settings.estimates[name].time_offset) for name in names
     ]
     summaries = {name: one.summary for name, one in found_of.items()}
     comparisons = compared(evaluated, engine.settings.evaluation)
@@ -157,55 +144,20 @@ def _cut(
     return truth.with_data(left), {n: one.with_data(cut[n]) for n, one in estimates.items()}
 
 
-def _compared(name: str, poses: Poses, offset: int) -> Evaluated:
-    """The poses outside the gaps of the ground truth: within, the errors would be its own."""
-    known = poses.sampled
-    stamps = poses.stamps[known] + offset
-    return Evaluated(name, stamps, poses.ground_truth[known], poses.estimate[known])
-
-
 def _result(
     engine: Engine,
     name: str,
     truth: Trajectory,
     estimate: Trajectory,
-    kept: list[EngineResults],
+    kept: WholeRun,
     record: Report,
-    joint: bool,
+    source: dict[str, Any],
+    whole: bool,
 ) -> Result:
-    sources = described(truth.data.source), described(estimate.data.source)
-    summary: dict[str, Any] = {**origin(record.parameters, *sources), **engine.summary(name)}
-    poses = Poses.of([results.evaluations for results in kept], summary["conventional"])
-    count_left_out(summary["estimate"], estimate.data)
-    count_left_out(summary["ground_truth"], truth.data)
+    summary = completed(engine, name, truth.data, estimate.data, record, source, kept, whole=whole)
     why = why_none(estimate.name, len(estimate), summary)
     if why is not None:
         raise ValueError(why)
-    record.notices, record.way = engine.notices(name), engine.way()
-    record.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
-    offset = engine.settings.estimates[name].time_offset
-    record.of_rows = causes_of_rows(truth.data, estimate.data, offset)
-    cross = tuple(blocks for results in kept for blocks in results.cross)
-    run = whole_run.Poses(
-        poses.stamps, poses.ground_truth, poses.covariance, poses.estimate, poses.sampled, cross
-    )
-    summary = whole_run.whole_run(summary, run, engine.settings.evaluation)
-    position_only = is_position_only(truth.data, estimate.data)
-    if position_only:
-        summary = without_orientation(summary)
-        poses = dataclasses.replace(poses, ate_rotation=np.full(len(poses), np.nan))
-        record.notices = notices_on_positions(record.notices)
-    if not position_only:
-        lack: dict[str, dict[str, Any]] = {}
-        parts = [results.evaluations for results in kept]
-        models = shield(
-            "the error model",
-            lambda: error_models(engine, name, parts, whole=not joint),
-            lack,
-            record.say,
-        )
-        put_into(summary, models)
-        record.model = models.get("run")
-    causes = record.causes()
-    summary["likely_causes"] = [dataclasses.asdict(cause) for cause in causes]
+    poses = Poses.of(kept.parts, summary["conventional"])
+    causes = tuple(Cause(**each) for each in summary["likely_causes"])
     return Result(name, summary, poses, causes, record)

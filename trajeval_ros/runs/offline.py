@@ -135,25 +135,51 @@ def _scored(
     whole: bool,
 ) -> Scored:
     report, estimate = scoring.report, scoring.estimate
-    report.notices = engine.notices(name)
+    summary = completed(engine, name, truth, estimate, report, source, kept, whole=whole)
+    none: tuple[str, ...] = ()
+    places = shield(
+        "the list of rejected rows",
+        lambda: _places(engine.health(name), truth, estimate),
+        none,
+        report.say,
+    )
+    offset = engine.settings.estimates[name].time_offset
+    return Scored(summary, places, kept.known(name, offset), kept.stamps + offset)
+
+
+def completed(
+    engine: Engine,
+    name: str,
+    truth: Trajectory,
+    estimate: Trajectory,
+    report: Report,
+    source: Figures,
+    kept: WholeRun,
+    *,
+    whole: bool,
+) -> Figures:
+    """Return the summary of a run that has been fed; tell the report what its page needs.
+
+    ``source``: what the ground truth is of; ``kept``: every evaluated pose; ``whole``: the engine
+    has all of the ground truth still.
+    """
+    offset = engine.settings.estimates[name].time_offset
+    report.notices, report.way = engine.notices(name), engine.way()
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
-    report.of_rows = causes_of_rows(truth, estimate, engine.settings.estimates[name].time_offset)
+    report.of_rows = causes_of_rows(truth, estimate, offset)
     summary: Figures = {
         **origin(report.parameters, source, described(estimate.source)),
         **engine.summary(name),
     }
-    report.way = engine.way()
     count_left_out(summary["estimate"], estimate)
     count_left_out(summary["ground_truth"], truth)
-    offset = engine.settings.estimates[name].time_offset
-    evaluated = kept.evaluated(name, offset)
-    if len(evaluated):
+    if len(kept.stamps):
         summary = kept.complete(summary, engine.settings.evaluation)
     position_only = is_position_only(truth, estimate)
     if position_only:
         summary = without_orientation(summary)
         report.notices = notices_on_positions(report.notices)
-    if len(evaluated) and not position_only:
+    if len(kept.stamps) and not position_only:
         lack: dict[str, Figures] = {}
         models = shield(
             "the error model",
@@ -164,15 +190,7 @@ def _scored(
         put_into(summary, models)
         report.model = models.get("run")
     summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
-    none: tuple[str, ...] = ()
-    places = shield(
-        "the list of rejected rows",
-        lambda: _places(engine.health(name), truth, estimate),
-        none,
-        report.say,
-    )
-    sampled = evaluated[np.flatnonzero(kept.sampled)]
-    return Scored(summary, places, sampled, evaluated.stamps)
+    return summary
 
 
 def causes_of_rows(truth: Trajectory, estimate: Trajectory, offset: int) -> tuple[Cause, ...]:
@@ -249,32 +267,34 @@ class WholeRun:
         self._poses.append(results.evaluations)
         self._cross.extend(results.cross)
 
-    def evaluated(self, name: str, offset: int) -> Evaluated:
-        """Return the poses, whose stamps on the ground truth's clock are ``offset`` (ns) later."""
-        return Evaluated(
-            name,
-            np.concatenate([poses.stamps for poses in self._poses]) + offset,
-            np.concatenate([poses.ground_truth for poses in self._poses]),
-            np.concatenate([poses.estimate for poses in self._poses]),
-        )
-
     @property
     def parts(self) -> tuple[Evaluations, ...]:
         """The poses as they came."""
         return tuple(self._poses)
 
     @property
-    def sampled(self) -> npt.NDArray[np.bool_]:
-        """Which of the poses (N,) lie outside the ground truth's gaps."""
-        return np.concatenate([poses.sampled for poses in self._poses])
+    def stamps(self) -> npt.NDArray[np.int64]:
+        """Of the poses, (N,) ns, the estimate's own."""
+        return self._column("stamps")
+
+    def known(self, name: str, offset: int) -> Evaluated:
+        """Return the poses outside the ground truth's gaps: within, the errors would be its own.
+
+        Their stamps on the ground truth's clock are ``offset`` (ns) later.
+        """
+        stamps, truth, estimate, sampled = (
+            self._column(field) for field in ("stamps", "ground_truth", "estimate", "sampled")
+        )
+        return Evaluated(name, stamps[sampled] + offset, truth[sampled], estimate[sampled])
 
     def complete(self, summary: Figures, settings: EvaluationSettings) -> Figures:
         """Return the summary with the figures that need all poses."""
         names = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
-        columns = {
-            name: np.concatenate([getattr(poses, name) for poses in self._poses]) for name in names
-        }
+        columns = {name: self._column(name) for name in names}
         return whole_run(summary, Poses(**columns, cross=tuple(self._cross)), settings)
+
+    def _column(self, name: str) -> npt.NDArray[Any]:
+        return np.concatenate([getattr(poses, name) for poses in self._poses])
 
 
 def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> list[str]:
