@@ -39,6 +39,10 @@ def evaluate(*arguments: object, **options: Any) -> subprocess.CompletedProcess[
     )
 
 
+def summary_of(folder: Path) -> Any:
+    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+
+
 def refused(result: subprocess.CompletedProcess[str], code: int = 1) -> str:
     """Check that the run was refused with one clear line, and return the line."""
     assert result.returncode == code, result.stderr
@@ -123,7 +127,7 @@ def test_rows_sum_to_the_summary(
     evaluated: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
     _, output = evaluated
-    summary = json.loads((output / "summary.json").read_text(encoding="utf-8"))
+    summary = summary_of(output)
     with (output / "poses.csv").open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
         assert tuple(reader.fieldnames or ()) == COLUMNS
@@ -164,7 +168,7 @@ def test_relative_errors_are_those_of_the_poses(
 def test_every_message_is_accounted_for(
     evaluated: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
-    summary = json.loads((evaluated[1] / "summary.json").read_text(encoding="utf-8"))
+    summary = summary_of(evaluated[1])
     estimate, truth = summary["estimate"], summary["ground_truth"]
     assert estimate["received"] == (
         estimate["evaluated"] + estimate["pending"] + sum(estimate["rejected"].values())
@@ -186,7 +190,7 @@ def test_real_pairs_agree_with_evo(directory: str, name: str, tmp_path: Path) ->
     result = evaluate("tum", truth, estimate, "--output", tmp_path)
     assert result.returncode == 0, result.stderr
     assert (tmp_path / "poses.csv").is_file()
-    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    summary = summary_of(tmp_path)
     reference = json.loads((DATA / "reference_evo.json").read_text(encoding="utf-8"))["results"]
     ate = reference[directory][name]["se3"]["ape_trans_rmse_m"]
     # kitti_00's ground truth is at 10 Hz like its estimates, so evo associates the same stamps.
@@ -281,7 +285,7 @@ def test_bad_poses_are_counted_by_reason(
 
     result = evaluate("tum", run[0], edited(spoil), "--output", tmp_path / "out")
     assert result.returncode == 0, result.stderr
-    account = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    account = summary_of(tmp_path / "out")
     reasons = {
         "non_finite": (2, 101),
         "zero_quaternion": (1, 121),
@@ -344,7 +348,7 @@ def test_parameters_from_the_nodes_file(run: tuple[Path, Path], tmp_path: Path) 
         "tum", *run, "--params", path, "--set", "gauge=none", "--output", tmp_path / "out"
     )
     assert result.returncode == 0, result.stderr
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    summary = summary_of(tmp_path / "out")
     assert summary["gauge"] == "none"
     assert "last 10 s" in result.stdout
     assert "over 0.5 s" in result.stdout
@@ -444,10 +448,7 @@ def test_euroc_and_kitti_give_what_tum_gives(
     )
     result = evaluate("euroc", euroc, run[1], "--output", tmp_path / "euroc")
     assert result.returncode == 0, result.stderr
-    relative = [
-        json.loads((folder / "summary.json").read_text(encoding="utf-8"))["relative"]
-        for folder in (tmp_path / "euroc", evaluated[1])
-    ]
+    relative = [summary_of(folder)["relative"] for folder in (tmp_path / "euroc", evaluated[1])]
     assert relative[0] == pytest.approx(relative[1], rel=1e-9)
 
     for path in run:

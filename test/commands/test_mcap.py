@@ -3,7 +3,6 @@
 """``evaluate --mcap``: the bag holds what ``summary.json`` and ``poses.csv`` do."""
 
 import csv
-import json
 import os
 import sys
 from collections import defaultdict
@@ -12,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_evaluate import evaluate
+from test_evaluate import evaluate, summary_of
 from twins.runs import assert_same_summary
 
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Similarity
-from trajeval_ros.commands.simulate import write_files
 from trajeval_ros.runs.statuses import NUMBERS, error_model_entries, flatten
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -81,18 +79,9 @@ def expected_statuses(summary: dict[str, Any]) -> dict[str, dict[str, str]]:
     return {**found, "error_model": error_model_entries(models)}
 
 
-def summary_of(folder: Path) -> Any:
-    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-
-
 def rows_of(folder: Path) -> list[dict[str, str]]:
     with (folder / "poses.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-@pytest.fixture(scope="module")
-def paths(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    return write_files(tmp_path_factory.mktemp("run"), 20.0, 3)
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from test_evaluate import evaluate
 
-from trajeval_ros.commands.simulate import write_files
-
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
 FIGURES = ("error", "relative_error", "trajectory")
@@ -27,11 +25,6 @@ def names_of(figures: tuple[str, ...]) -> list[str]:
         for width in ("single", "double")
         for kind in ("pdf", "svg")
     )
-
-
-@pytest.fixture(scope="module")
-def paths(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    return write_files(tmp_path_factory.mktemp("run"), 20.0, 3)
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """``evaluate`` of several estimates against one ground truth."""
 
-import json
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
-from test_evaluate import evaluate
+from test_evaluate import evaluate, summary_of
 from twins.runs import assert_same_summary
 
 from trajeval_ros.commands.inputs import names_of
@@ -23,10 +21,6 @@ def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     lines = estimate.read_text(encoding="utf-8").splitlines()
     sparse.write_text("\n".join(lines[::2]) + "\n", encoding="utf-8")
     return [truth, estimate.rename(estimate.with_name("dense.txt")), sparse]
-
-
-def summary_of(folder: Path) -> Any:
-    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
 
 
 def test_each_has_what_it_has_alone(paths: list[Path], tmp_path: Path) -> None:

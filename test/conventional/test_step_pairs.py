@@ -83,6 +83,14 @@ def test_by_path_is_evo_s(seed, count, delta, cuts):
             assert pairs.longest is None
 
 
+def assert_poses_of(expected, result, ground_truth, estimate):
+    begins, ends = [i for i, _ in expected], [j for _, j in expected]
+    np.testing.assert_array_equal(result[0], ground_truth[begins])
+    np.testing.assert_array_equal(result[1], ground_truth[ends])
+    np.testing.assert_array_equal(result[2], estimate[begins])
+    np.testing.assert_array_equal(result[3], estimate[ends])
+
+
 @settings(max_examples=80)
 @CASES
 def test_by_time(seed, count, delta, cuts):
@@ -90,11 +98,7 @@ def test_by_time(seed, count, delta, cuts):
     expected = obvious_pairs(np.diff(stamps), round(delta * 1e9))
     pairs = StepPairs(delta, "s")
     result = pairs_in_batches(pairs, cuts, stamps, ground_truth, estimate)
-    begins, ends = [i for i, _ in expected], [j for _, j in expected]
-    np.testing.assert_array_equal(result[0], ground_truth[begins])
-    np.testing.assert_array_equal(result[1], ground_truth[ends])
-    np.testing.assert_array_equal(result[2], estimate[begins])
-    np.testing.assert_array_equal(result[3], estimate[ends])
+    assert_poses_of(expected, result, ground_truth, estimate)
     if expected:
         longest = max(stamps[j] - stamps[i] for i, j in expected)
         assert pairs.longest == pytest.approx(longest * 1e-9, rel=1e-15)
@@ -113,11 +117,7 @@ def test_by_frames_is_evo_s(seed, count, delta, cuts):
     expected = filters.filter_pairs_by_index(list(estimate), delta)
     pairs = StepPairs(float(delta), "f")
     result = pairs_in_batches(pairs, cuts, stamps, ground_truth, estimate)
-    begins, ends = [i for i, _ in expected], [j for _, j in expected]
-    np.testing.assert_array_equal(result[0], ground_truth[begins])
-    np.testing.assert_array_equal(result[1], ground_truth[ends])
-    np.testing.assert_array_equal(result[2], estimate[begins])
-    np.testing.assert_array_equal(result[3], estimate[ends])
+    assert_poses_of(expected, result, ground_truth, estimate)
     assert pairs.longest == (delta if expected else None)
 
 

@@ -40,6 +40,14 @@ def play(graph: Graph, duration: float = 6.0) -> tuple[int, int]:
     return len(truth), len(estimate)
 
 
+def play_and_wait(graph: Graph) -> tuple[int, int]:
+    """Publish a short run, and wait until each of its messages is accounted for."""
+    counts = play(graph)
+    for topic, count in zip(("ground_truth", "estimate"), counts, strict=True):
+        graph.until_accounted(topic, count)
+    return counts
+
+
 def ready(graph: Graph) -> None:
     graph.until(graph.health, "diagnostics")
 
@@ -86,9 +94,7 @@ def test_what_is_missing_is_said_until_it_comes_and_the_end_has_the_figures(grap
         topic: graph.listen(Float64, f"/evaluator/{topic}")
         for topic in ("ate/translation", "re/rotation", "accuracy/translation", "coverage/time")
     }
-    counts = play(graph)
-    graph.until_accounted("estimate", counts[1])
-    graph.until_accounted("ground_truth", counts[0])
+    play_and_wait(graph)
     said = node.output.count("waiting for")
     assert node.end() == 0
     assert node.output.count("waiting for") == said
@@ -113,9 +119,7 @@ def test_a_signal_delivered_twice_ends_it_well(
 ) -> None:
     out = tmp_path / "out"
     node = graph.start_evaluator(output__directory=str(out), **FIXED)
-    counts = play(graph)
-    graph.until_accounted("ground_truth", counts[0])
-    graph.until_accounted("estimate", counts[1])
+    counts = play_and_wait(graph)
     node.send(number)
     node.send(number)
     # The second one while it is writing.
@@ -137,9 +141,7 @@ def test_nothing_that_was_evaluated_is_overwritten_by_less(
 ) -> None:
     out = tmp_path / "out"
     node = graph.start_evaluator(output__directory=str(out), **FIXED)
-    counts = play(graph)
-    graph.until_accounted("ground_truth", counts[0])
-    graph.until_accounted("estimate", counts[1])
+    counts = play_and_wait(graph)
     assert graph.call("/evaluator/save").success
     saved = summary_in(out)["estimate"]["evaluated"]
     assert saved > 0
@@ -175,9 +177,7 @@ def caught(node: Process) -> bool:
 def test_save_reset_and_parameters_at_run_time(graph: Graph, tmp_path: Path) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     node = graph.start_evaluator(**FIXED)
-    counts = play(graph)
-    graph.until_accounted("estimate", counts[1])
-    graph.until_accounted("ground_truth", counts[0])
+    counts = play_and_wait(graph)
 
     refused = graph.call("/evaluator/save")
     assert not refused.success
@@ -220,9 +220,7 @@ def test_save_reset_and_parameters_at_run_time(graph: Graph, tmp_path: Path) -> 
     assert graph.set_parameter("output.directory", str(second)).successful
     assert graph.call("/evaluator/save").success
     assert summary_in(second)["estimate"]["received"] == 0
-    counts = play(graph)
-    graph.until_accounted("estimate", counts[1])
-    graph.until_accounted("ground_truth", counts[0])
+    counts = play_and_wait(graph)
     assert node.end() == 0
     summary = summary_in(second)
     assert summary["estimate"]["received"] == counts[1]
@@ -274,9 +272,7 @@ def test_a_folder_that_cannot_be_written_is_said_and_survived(graph: Graph, tmp_
 def test_a_full_disk_at_the_end_costs_what_does_not_fit(graph: Graph, tmp_path: Path) -> None:
     out = tmp_path / "out"
     node = graph.start_evaluator(output__directory=str(out), **FIXED)
-    counts = play(graph)
-    graph.until_accounted("estimate", counts[1])
-    graph.until_accounted("ground_truth", counts[0])
+    counts = play_and_wait(graph)
     resource.prlimit(node.child.pid, resource.RLIMIT_FSIZE, (16_000, resource.RLIM_INFINITY))
     assert node.end() == 1
     assert sorted(os.listdir(out)) == ["poses.csv", "summary.json"]

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 
-from trajeval_ros.node.decode import Decoded
+from trajeval_ros.node.decode import Decoded, deserialized
 from trajeval_ros.node.inputs import Input
 from trajeval_ros.online.samples import PoseSamples
 
@@ -99,10 +98,8 @@ class AnyInput(Input):
         missing: str | None = None
         undecodable = 0
         for raw in messages:
-            try:
-                message = deserialize_message(raw, self._class)
-            # As in `decode`: the middleware's own exception says no more than "bad bytes".
-            except Exception:  # noqa: BLE001
+            message = deserialized(raw, self._class)
+            if message is None:
                 undecodable += 1
                 continue
             try:

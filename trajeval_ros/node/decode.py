@@ -119,13 +119,22 @@ def decode(pose_type: PoseType, messages: Sequence[bytes]) -> Decoded:
     )
 
 
+def deserialized(message: bytes, message_type: Any) -> Any:
+    """Return the message, or None where the bytes are not one of this type."""
+    try:
+        return deserialize_message(message, message_type)
+    # The middleware's own exception type is no public name; it says no more than "bad bytes".
+    except Exception:  # noqa: BLE001
+        return None
+
+
 def _understood(pose_type: PoseType, message: bytes) -> list[tuple[_Layout, bytes]]:
     """The message with its layout, or nothing."""
     layout = _layout(pose_type, message)
     if layout is None:
         try:
             message = serialize_message(deserialize_message(message, pose_type.message))
-        # The middleware's own exception type is no public name; it says no more than "bad bytes".
+        # As in `deserialized`.
         except Exception:  # noqa: BLE001
             return []
         layout = _layout(pose_type, message)

@@ -10,11 +10,10 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from trajeval_ros import se3
-from trajeval_ros.node.decode import Decoded
+from trajeval_ros.node.decode import Decoded, deserialized
 from trajeval_ros.node.inputs import QUEUE_DEPTH, Input
 from trajeval_ros.node.transform_tree import Transform, TransformTree
 from trajeval_ros.online.samples import PoseSamples
@@ -96,10 +95,8 @@ class TransformInput(Input):
         undecodable = 0
         unusable = self._tree.unusable
         for raw in messages:
-            try:
-                message = deserialize_message(raw, self._tf_message)
-            # As in `decode`: the middleware's own exception says no more than "bad bytes".
-            except Exception:  # noqa: BLE001
+            message = deserialized(raw, self._tf_message)
+            if message is None:
                 undecodable += 1
                 continue
             self._tree.add(_transforms(message), static)
