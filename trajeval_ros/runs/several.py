@@ -119,6 +119,8 @@ class NewestPoses:
             self._join()
 
     def _join(self) -> Evaluated:
+        if len(self._kept) == 1:
+            return self._kept[0]
         fields = ("stamps", "ground_truth", "estimate")
         joined = (np.concatenate([getattr(one, f) for one in self._kept]) for f in fields)
         self._forgotten = self._forgotten or self._count > self._most
