@@ -30,6 +30,8 @@ def names_of(figures: tuple[str, ...]) -> list[str]:
 @pytest.fixture(scope="module")
 def one(paths: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("one")
+    (folder / "figures").mkdir()
+    (folder / "figures" / ".error_single.pdf.123.partial").touch()  # a killed run has left it
     result = evaluate("tum", *paths, "--output", folder, "--figures", folder / "figures")
     assert result.returncode == 0, result.stderr
     assert f"Written: 12 files in {folder / 'figures'}" in result.stdout

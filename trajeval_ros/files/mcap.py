@@ -9,11 +9,12 @@ Jazzy. A message is logged at its stamp.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from trajeval_ros.files.partial import workshop
 
 Serialize = Callable[[Any, str], bytes]
 
@@ -67,12 +68,9 @@ def write_mcap(
     store = get_typestore(Stores.ROS2_JAZZY)
     path = path.absolute()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(
-            dir=path.parent, prefix=f".{path.name}.", suffix=".partial"
-        ) as folder:
+        with workshop(path) as folder:
             # The library writes a folder with the file in it, which is called as it is.
-            bag = Path(folder) / path.stem
+            bag = folder / path.stem
             with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
                 connections = {
                     name: writer.add_connection(

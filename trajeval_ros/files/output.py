@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 import tempfile
@@ -27,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.files.partial import lock, remove_leftovers, replacing
 from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations
 
@@ -197,17 +197,9 @@ class OutputFolder:
         except OSError as error:
             where = error.filename or self.path
             raise OutputError(_refused(where, error), full=error.errno in _FULL) from error
-        _lock(stream.fileno())
-        self._remove_leftovers()
+        lock(stream.fileno())
+        remove_leftovers(self.path, *_LEFTOVERS)
         return stream
-
-    def _remove_leftovers(self) -> None:
-        """Remove what killed runs have left: those of living ones are locked."""
-        for pattern in _LEFTOVERS:
-            for path in self.path.glob(pattern):
-                with contextlib.suppress(OSError), path.open("rb") as file:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    path.unlink()
 
     def _keep_room(self) -> None:
         """Take what there is of the room for a summary, which is more than none."""
@@ -459,15 +451,8 @@ def write_summary(folder: Path, summary: Summary) -> None:
 
 def _replace_file(path: Path, fill: Callable[[IO[bytes]], None]) -> None:
     """Fill a temporary file and rename it: a reader sees the old file or the new one."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with partial.open("wb") as file:
-            _lock(file.fileno())
-            fill(file)
-        partial.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
+    with replacing(path) as file:
+        fill(file)
 
 
 def _put(file: IO[bytes], text: str) -> None:
@@ -483,12 +468,6 @@ def _overwrite(descriptor: int, data: bytes, position: int) -> None:
 
 def _refused(where: object, error: OSError) -> str:
     return f"cannot write the output folder: {where}: {error.strerror or error}"
-
-
-def _lock(descriptor: int) -> None:
-    """Show that a living process writes the file; not every file system can."""
-    with contextlib.suppress(OSError):
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _umask() -> int:

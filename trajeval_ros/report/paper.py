@@ -8,7 +8,6 @@ are those of Okabe and Ito, told apart also by the colour-blind; each has a dash
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +22,7 @@ from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.comparison.compare import Evaluated
 from trajeval_ros.comparison.errors import errors_of, steps
+from trajeval_ros.files.partial import remove_leftovers, replacing
 from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.report.series import vertical_axis
@@ -145,6 +145,7 @@ def write_figures(folder: Path, drawn: Sequence[Curves]) -> tuple[str, ...]:
     Each file appears whole. Raises OSError where one cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(folder, ".*.pdf.*.partial", ".*.svg.*.partial")
     makers: dict[str, Callable[[Sequence[Curves], float], Figure]] = {
         "trajectory": trajectory,
         "error": error,
@@ -165,12 +166,8 @@ def write_figures(folder: Path, drawn: Sequence[Curves]) -> tuple[str, ...]:
 
 
 def _save(figure: Figure, path: Path, kind: str, metadata: Mapping[str, None]) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        figure.savefig(partial, format=kind, metadata=metadata)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(path) as file:
+        figure.savefig(file, format=kind, metadata=metadata)
 
 
 def trajectory(drawn: Sequence[Curves], width: float) -> Figure:
