@@ -28,3 +28,13 @@ def test_each_in_its_period_and_nothing_made_up_for(monkeypatch: pytest.MonkeyPa
     made.run()
     made.run()
     assert calls[7:] in (["a", "b"], ["a", "b", "a", "b"])
+
+
+def test_one_says_when_it_is_due_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(schedule.time, "monotonic", lambda: now[0])
+    waits = iter([0.5, 0.125, None])
+    made = schedule.Schedule([(0.25, lambda: next(waits))])
+    for until, rest in ((0.0, 0.5), (0.5, 0.125), (0.625, 0.25)):
+        now[0] = 100.0 + until
+        assert made.run() == rest

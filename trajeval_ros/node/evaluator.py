@@ -39,8 +39,10 @@ from trajeval_ros.wall import shield
 
 _BATCH_PERIOD = 0.02
 # What a batch costs grows slowly with its size: beyond their share of the time they become rarer
-# and larger.
+# and larger, by the mean cost of the last ten or so. One that closes a segment costs several times
+# as much as the others, and must not make the next one wait.
 _LONGEST_BATCH_PERIOD = 0.1
+_SMOOTHING = 0.1
 _DISCOVERY_PERIOD = 0.2
 _DIAGNOSTICS_PERIOD = 1.0
 _CAUSES_PERIOD = 5.0
@@ -112,7 +114,7 @@ class Evaluator(Node):
         self._sieve: LeftOver | None = None
         self._notices_said: set[str] = set()
         self._defects_said: set[str] = set()
-        self._next_batch = self._next_fit = 0.0
+        self._batch_cost = self._next_fit = 0.0
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -172,16 +174,15 @@ class Evaluator(Node):
 
     # -------------------------------------------------------------- periodic work, services
 
-    def _on_batch(self) -> None:
+    def _on_batch(self) -> float:
         begin = time.monotonic()
-        if begin < self._next_batch:
-            return
         self._process()
         took = time.monotonic() - begin
         self._monitor.note_batch(took)
-        self._next_batch = begin + min(took / SHARE, _LONGEST_BATCH_PERIOD) - _BATCH_PERIOD / 2
+        self._batch_cost += _SMOOTHING * (min(took, _BATCH_PERIOD) - self._batch_cost)
         for each in self._estimates:
             each.publish_due(begin)
+        return min(max(self._batch_cost / SHARE, _BATCH_PERIOD), _LONGEST_BATCH_PERIOD)
 
     def _on_discovery(self) -> None:
         for each in self._inputs:
@@ -189,7 +190,7 @@ class Evaluator(Node):
 
     def _on_diagnostics(self) -> None:
         states = [each.state for each in self._inputs]
-        self._monitor.publish(states, self._sim_time, self._ros_now())
+        self._monitor.publish(states, self.follows_clock, self._ros_now())
 
     def _on_comparison(self) -> None:
         if self._compared is not None:
@@ -271,7 +272,8 @@ class Evaluator(Node):
     # ------------------------------------------------------------------------------------- work
 
     @property
-    def _sim_time(self) -> bool:
+    def follows_clock(self) -> bool:
+        """Whether time is what ``/clock`` says."""
         clock = self.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
 
@@ -285,7 +287,7 @@ class Evaluator(Node):
         now = self._ros_now()
         jumped = self._jumps.clock(now)
         arrived = [self._take(source, topic) for topic, source in enumerate(self._inputs)]
-        if jumped is not None and now is not None and self._sim_time:
+        if jumped is not None and now is not None and self.follows_clock:
             self._sieve = LeftOver(now, jumped, time.monotonic(), len(arrived))
             arrived, before = self._sieved(self._sieve, arrived)
             self._feed(before, now)

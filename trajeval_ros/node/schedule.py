@@ -14,9 +14,12 @@ from collections.abc import Callable, Sequence
 
 
 class Schedule:
-    """Functions, each with its period (s)."""
+    """Functions, each with its period (s).
 
-    def __init__(self, tasks: Sequence[tuple[float, Callable[[], None]]]) -> None:
+    One may return how long after its beginning it is due again, where that is not its period.
+    """
+
+    def __init__(self, tasks: Sequence[tuple[float, Callable[[], float | None]]]) -> None:
         """All are due at once."""
         self._tasks = tasks
         self._due = [time.monotonic()] * len(tasks)
@@ -28,5 +31,7 @@ class Schedule:
             if begin >= self._due[k]:
                 # A period that was missed altogether is not made up for.
                 self._due[k] = max(self._due[k] + period, begin)
-                function()
+                wait = function()
+                if wait is not None:
+                    self._due[k] = begin + wait
         return max(0.0, min(self._due) - time.monotonic())
