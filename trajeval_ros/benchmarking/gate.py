@@ -11,8 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from trajeval_ros.benchmarking.noise import FIGURES, LEVEL, Figure, Runs, holm, p_smaller, values
-from trajeval_ros.benchmarking.tables import number
+from trajeval_ros.benchmarking.figures import (
+    FIGURES,
+    Figure,
+    Runs,
+    costs,
+    over_sequences,
+    quartiles,
+    values,
+)
+from trajeval_ros.benchmarking.grids import number
+from trajeval_ros.benchmarking.noise import holm, p_smaller
+from trajeval_ros.benchmarking.ranks import LEVEL
 from trajeval_ros.benchmarking.work import Row
 
 
@@ -24,7 +34,8 @@ class GateError(ValueError):
 class Change:
     """A figure of a system, over the sequences that both benchmarks have.
 
-    ``now``, ``before``: geometric means over sequences of medians over runs, the figure's SI unit.
+    ``now``, ``before``: means over sequences of medians over runs (of errors geometric ones), in
+    the figure's SI unit.
     ``p_value``: Holm's, of its being as it was or better, against worse.
     """
 
@@ -44,7 +55,11 @@ class Change:
         """The change in words."""
         figure = self.figure
         now, before = (number(v * figure.factor) for v in (self.now, self.before))
-        ratio = f"{self.now / self.before:.3f} times" if 0 < self.before < np.inf else "-"
+        ratio = "-"
+        if figure.ratios and 0.0 < self.before < np.inf and np.isfinite(self.now):
+            ratio = f"{self.now / self.before:.3f} times"
+        elif np.isfinite(self.now) and np.isfinite(self.before):
+            ratio = f"{figure.factor * (self.now - self.before):+.3g}"
         verdict = "worse" if self.worse else "not worse"
         return (
             f"{self.system}  {figure.title} [{figure.unit}]: {now}, was {before}"
@@ -112,13 +127,13 @@ def _change(
     common = sorted(set(ours) & set(theirs))
     if not common:
         return None
-    sign = -1.0 if figure.larger_is_better else 1.0
     p_value = p_smaller(
-        {name: sign * theirs[name] for name in common},
-        {name: sign * ours[name] for name in common},
+        {name: costs(theirs[name], figure) for name in common},
+        {name: costs(ours[name], figure) for name in common},
         two_sided=False,
     )
-    return Change(system, figure, _typical(ours, common), _typical(theirs, common), p_value)
+    now_is, was = (_typical(runs, common, figure) for runs in (ours, theirs))
+    return Change(system, figure, now_is, was, p_value)
 
 
 def _by_sequence(system: str, figure: Figure, rows: Sequence[Row]) -> dict[str, Runs]:
@@ -130,10 +145,9 @@ def _by_sequence(system: str, figure: Figure, rows: Sequence[Row]) -> dict[str, 
     return {name: runs for name, runs in found.items() if len(runs)}
 
 
-def _typical(runs: dict[str, Runs], common: Sequence[str]) -> float:
-    medians = [np.quantile(runs[name], 0.5, method="inverted_cdf") for name in common]
-    with np.errstate(divide="ignore"):
-        return float(np.exp(np.mean(np.log(medians))))
+def _typical(runs: dict[str, Runs], common: Sequence[str], figure: Figure) -> float:
+    medians = np.array([quartiles(runs[name])[1] for name in common])
+    return float(over_sequences(medians, figure))
 
 
 def write_junit(path: Path, verdict: Verdict) -> None:

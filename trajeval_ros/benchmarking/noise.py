@@ -5,89 +5,38 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
-from trajeval_ros.benchmarking.work import FAILED, OK, Row
+from trajeval_ros.benchmarking.figures import Runs
 
-LEVEL = 0.05
 _PERMUTATIONS = 20_000
 # Sequences with a run each on which Wilcoxon's test can say anything at all at 5 %, two-sided.
 _LEAST_PAIRS = 6
-
-Runs = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A figure of the tables: its column, title, unit, and the factor to that unit."""
-
-    column: str
-    title: str
-    unit: str
-    factor: float
-    larger_is_better: bool = False
-
-
-_DEGREES = 180.0 / np.pi
-_MODEL = "error_model.{}.{}.value"
-FIGURES = (
-    Figure("conventional.ate_translation_rmse", "ATE", "m", 1.0),
-    Figure("conventional.ate_rotation_rmse", "ATE, rotation", "deg", _DEGREES),
-    Figure("conventional.re_translation_rmse", "RE", "m", 1.0),
-    Figure("conventional.re_rotation_rmse", "RE, rotation", "deg", _DEGREES),
-    Figure(_MODEL.format("translation", "jitter_std"), "Jitter", "mm", 1e3),
-    Figure(_MODEL.format("rotation", "jitter_std"), "Jitter, rotation", "deg", _DEGREES),
-    Figure(_MODEL.format("translation", "long_run_drift"), "Drift", "mm/sqrt(s)", 1e3),
-    Figure(_MODEL.format("rotation", "long_run_drift"), "Drift, rotation", "deg/sqrt(s)", _DEGREES),
-    Figure("coverage.time", "Coverage", "%", 100.0, larger_is_better=True),
-)
-
-
-def values(rows: Sequence[Row], figure: Figure) -> Runs:
-    """The figure of each run (n,); a run that failed is worse than any: an infinite error.
-
-    Runs that are evaluated and have no such figure are left out, and so are those whose worker
-    died: of the system they say nothing.
-    """
-    worst = 0.0 if figure.larger_is_better else np.inf
-    found: list[float] = []
-    for row in rows:
-        value = row.get(figure.column)
-        if row["status"] == FAILED:
-            found.append(worst)
-        elif row["status"] == OK and isinstance(value, float):
-            found.append(value)
-    # One that nobody has (no orientations, say) is no figure, however many runs failed.
-    if not any(row["status"] == OK and isinstance(row.get(figure.column), float) for row in rows):
-        return np.full(0, np.nan) if any(row["status"] == OK for row in rows) else np.array(found)
-    return np.array(found)
+# Costs are logarithms, shares or nats: none is as large, but those of failures, which are infinite.
+_BEYOND_ALL = 1e9
 
 
 def p_smaller(first: Mapping[str, Runs], second: Mapping[str, Runs], *, two_sided: bool) -> float:
     """The p-value of "the ``first`` are as large as the ``second``" against "smaller", or "other".
 
-    Both have runs by sequence, and are compared within each sequence both have. On one sequence it
-    is Mann and Whitney's test; on six or more with a run each Wilcoxon's, of the logarithms'
+    Both have their runs' costs by sequence, and are compared within each sequence both have. On one
+    sequence it is Mann and Whitney's test; on six or more with a run each Wilcoxon's, of the
     differences; else it is van Elteren's (1960), the rank sums of all sequences together, by
     permutation within each. 1 where there is nothing to compare.
     """
-    pairs = [
-        (first[name], second[name])
-        for name in first
-        if name in second and len(first[name]) and len(second[name])
-    ]
+    pairs = _pairs(first, second)
     if not pairs:
         return 1.0
     if len(pairs) == 1:
         alternative = "two-sided" if two_sided else "less"
         return float(stats.mannwhitneyu(*pairs[0], alternative=alternative).pvalue)
-    if len(pairs) >= _LEAST_PAIRS and all(len(a) == len(b) == 1 for a, b in pairs):
-        differences = _log_differences(np.array([[a[0], b[0]] for a, b in pairs]))
+    if _one_each(pairs):
+        single = np.array([[a[0], b[0]] for a, b in pairs])
+        differences = -np.diff(np.clip(single, -_BEYOND_ALL, _BEYOND_ALL), axis=1)[:, 0]
         if not np.any(differences):
             return 1.0
         alternative = "two-sided" if two_sided else "less"
@@ -95,11 +44,25 @@ def p_smaller(first: Mapping[str, Runs], second: Mapping[str, Runs], *, two_side
     return _van_elteren(pairs, two_sided)
 
 
-def _log_differences(pairs: Runs) -> Runs:
-    """Differences of the logarithms (n,); those of infinite errors lie beyond all others."""
-    floor = np.finfo(np.float64).tiny
-    logarithms = np.log(np.clip(pairs, floor, 1.0 / floor))
-    return np.asarray(logarithms[:, 0] - logarithms[:, 1])
+def least_p(first: Mapping[str, Runs], second: Mapping[str, Runs]) -> float:
+    """The smallest two-sided p-value that so many runs of each can have, whatever they say."""
+    pairs = _pairs(first, second)
+    if _one_each(pairs):
+        return float(2.0 ** (1 - len(pairs)))
+    ways = math.prod(math.comb(len(a) + len(b), len(a)) for a, b in pairs)
+    return min(1.0, 2.0 / ways) if pairs else 1.0
+
+
+def _pairs(first: Mapping[str, Runs], second: Mapping[str, Runs]) -> list[tuple[Runs, Runs]]:
+    return [
+        (first[name], second[name])
+        for name in first
+        if name in second and len(first[name]) and len(second[name])
+    ]
+
+
+def _one_each(pairs: Sequence[tuple[Runs, Runs]]) -> bool:
+    return len(pairs) >= _LEAST_PAIRS and all(len(a) == len(b) == 1 for a, b in pairs)
 
 
 def _van_elteren(pairs: Sequence[tuple[Runs, Runs]], two_sided: bool) -> float:

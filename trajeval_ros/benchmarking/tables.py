@@ -5,19 +5,11 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import numpy as np
+from trajeval_ros.benchmarking.grids import Entry, Grid
 
-from trajeval_ros.benchmarking.noise import Figure
-from trajeval_ros.benchmarking.table import Cell, Line, Table
-
-CAPTION = (
-    "Median over runs, first to third quartile in brackets; over several sequences their geometric"
-    " mean. A failed run is worse than any other. Bold: better than the second by more than noise"
-    " (rank tests over runs, within sequences; 5 %, Holm's correction over a table's figures)."
-)
 _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:80rem;padding:0 1rem}"
     "table{border-collapse:collapse;margin:1rem 0}"
@@ -26,7 +18,7 @@ _STYLE = (
 )
 
 
-def write(folder: Path, made: Sequence[Table]) -> list[Path]:
+def write(folder: Path, made: Sequence[Grid]) -> list[Path]:
     """Write ``tables.md``, ``tables.tex`` and ``tables.html``; return where they are."""
     texts = {"md": markdown(made), "tex": latex(made), "html": page(made)}
     paths = []
@@ -37,103 +29,88 @@ def write(folder: Path, made: Sequence[Table]) -> list[Path]:
     return paths
 
 
-def markdown(made: Sequence[Table]) -> str:
+def markdown(made: Iterable[Grid]) -> str:
     """Every table in GitHub's Markdown."""
     parts = []
-    for table in made:
-        head = ["system", "runs", *(f"{f.title} [{f.unit}]" for f in table.figures)]
-        body = [
-            [_escaped_markdown(line.system), _counts(line), *_cells(table, line, "**", "**", "-")]
-            for line in table.lines
+    for grid in made:
+        head = [grid.corner, *map(_escaped_markdown, grid.columns)]
+        rows = [head, ["---", *["---:"] * len(grid.columns)]]
+        rows += [
+            [_escaped_markdown(name), *(_markdown(entry) for entry in row)]
+            for name, row in grid.rows
         ]
-        rows = [head, ["---", *["---:"] * (len(head) - 1)], *body]
         shown = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-        parts.append(f"## {_escaped_markdown(table.title)}\n\n{shown}\n")
-    return "\n".join([*parts, f"{CAPTION}\n"])
+        notes = "".join(f"\n{note}\n" for note in grid.notes)
+        parts.append(f"## {_escaped_markdown(grid.title)}\n\n{shown}\n{notes}")
+    return "\n".join(parts)
 
 
-def latex(made: Sequence[Table]) -> str:
-    r"""Every table as a ``table`` with booktabs' rules; it needs ``\usepackage{booktabs}``."""
-    parts = []
-    for table in made:
-        titles = [f"{_escaped_latex(f.title)} [{_latex_unit(f)}]" for f in table.figures]
-        head = " & ".join(["System", "Runs", *titles])
-        body = [
-            " & ".join(
-                [
-                    _escaped_latex(line.system),
-                    _counts(line),
-                    *_cells(table, line, r"\textbf{", "}", "--"),
-                ]
-            )
-            for line in table.lines
-        ]
-        rows = "\n".join(f"    {row} \\\\" for row in body)
+def _markdown(entry: Entry) -> str:
+    text = f"**{entry.text}**" if entry.bold else entry.text
+    return f"{text} [{entry.spread}]" if entry.spread else text
+
+
+def latex(made: Iterable[Grid]) -> str:
+    r"""Every table as a ``table*`` with booktabs' rules; it needs ``\usepackage{booktabs}``.
+
+    Both columns of a paper wide; quartiles have a line of their own, so that five systems fit.
+    """
+    parts = ["% \\usepackage{booktabs}\n"]
+    for grid in made:
+        caption = " ".join([f"{grid.title}.", *grid.notes])
+        head = " & ".join(map(_escaped_latex, (grid.corner, *grid.columns)))
+        lines = [line for name, row in grid.rows for line in _latex_lines(name, row)]
+        rows = "\n".join(f"    {line}" for line in lines)
         parts.append(
-            "\\begin{table}\n  \\centering\n"
-            f"  \\caption{{{_escaped_latex(table.title)}. {_escaped_latex(CAPTION)}}}\n"
-            f"  \\begin{{tabular}}{{l{'r' * (len(table.figures) + 1)}}}\n    \\toprule\n"
+            "\\begin{table*}\n  \\centering\n  \\footnotesize\n  \\setlength{\\tabcolsep}{4pt}\n"
+            f"  \\caption{{{_escaped_latex(caption)}}}\n"
+            f"  \\begin{{tabular}}{{l{'r' * len(grid.columns)}}}\n    \\toprule\n"
             f"    {head} \\\\\n    \\midrule\n{rows}\n    \\bottomrule\n"
-            "  \\end{tabular}\n\\end{table}\n"
+            "  \\end{tabular}\n\\end{table*}\n"
         )
-    return "\n".join(["% \\usepackage{booktabs}", *parts])
+    return "\n".join(parts)
 
 
-def page(made: Sequence[Table]) -> str:
+def _latex_lines(name: str, row: Sequence[Entry]) -> list[str]:
+    values = [_escaped_latex(entry.text) for entry in row]
+    shown = [
+        f"\\textbf{{{value}}}" if entry.bold else value
+        for value, entry in zip(values, row, strict=True)
+    ]
+    # A line that begins with a bracket would be an option of the line before.
+    guard = "{}" if name.startswith("[") else ""
+    lines = [" & ".join([guard + _escaped_latex(name), *shown]) + r" \\"]
+    if any(entry.spread for entry in row):
+        spreads = [f"{{\\scriptsize [{e.spread}]}}" if e.spread else "" for e in row]
+        lines.append(" & ".join(["", *spreads]) + r" \\")
+    return lines
+
+
+def page(made: Iterable[Grid]) -> str:
     """Every table on one page that needs nothing else."""
-    parts = []
-    for table in made:
-        head = ["system", "runs", *(f"{f.title} [{f.unit}]" for f in table.figures)]
-        rows = ["".join(f"<th>{html.escape(text)}</th>" for text in head)]
-        for line in table.lines:
-            cells = [html.escape(line.system), _counts(line)]
-            cells += _cells(table, line, "<b>", "</b>", "&ndash;")
-            rows.append("".join(f"<td>{cell}</td>" for cell in cells))
-        shown = "\n".join(f"<tr>{row}</tr>" for row in rows)
-        parts.append(f"<h2>{html.escape(table.title)}</h2>\n<table>\n{shown}\n</table>")
-    body = "\n".join([*parts, f"<p><small>{html.escape(CAPTION)}</small></p>"])
+    body = "\n".join(f"<h2>{html.escape(grid.title)}</h2>\n{element(grid)}" for grid in made)
     return (
         '<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8"><title>Benchmark</title>'
         f"<style>{_STYLE}</style></head>\n<body>\n<h1>Benchmark</h1>\n{body}\n</body>\n</html>\n"
     )
 
 
-def _counts(line: Line) -> str:
-    """How many of how many were evaluated."""
-    lost = f" (+{line.lost} lost)" if line.lost else ""
-    return f"{line.evaluated}/{line.runs}{lost}"
-
-
-def _cells(table: Table, line: Line, begin: str, end: str, none: str) -> list[str]:
-    return [
-        _shown(figure, cell, begin, end, none)
-        for figure, cell in zip(table.figures, line.cells, strict=True)
-    ]
-
-
-def _shown(figure: Figure, cell: Cell, begin: str, end: str, none: str) -> str:
-    if cell.median is None or cell.lower is None or cell.upper is None:
-        return none
-    median = number(cell.median * figure.factor)
-    if cell.best:
-        median = f"{begin}{median}{end}"
-    if cell.lower == cell.upper:
-        return median
-    return (
-        f"{median} ({number(cell.lower * figure.factor)} to {number(cell.upper * figure.factor)})"
+def element(grid: Grid) -> str:
+    """One table with its notes, as part of a page."""
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in (grid.corner, *grid.columns))
+    rows = "\n".join(
+        f"<tr><th>{html.escape(name)}</th>{''.join(map(_cell, row))}</tr>"
+        for name, row in grid.rows
     )
+    notes = "".join(f"\n<p><small>{html.escape(note)}</small></p>" for note in grid.notes)
+    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>{notes}"
 
 
-def number(value: float) -> str:
-    """Four digits; an infinite error is that of a run that failed."""
-    if not np.isfinite(value):
-        return "failed"
-    shown = f"{value:.4g}"
-    return (
-        f"{value:.3e}"
-        if "e" in shown and abs(value) < 1
-        else (f"{value:.0f}" if "e" in shown else shown)
-    )
+def _cell(entry: Entry) -> str:
+    text = html.escape(entry.text)
+    text = f"<b>{text}</b>" if entry.bold else text
+    spread = f" <small>[{html.escape(entry.spread)}]</small>" if entry.spread else ""
+    return f"<td>{text}{spread}</td>"
 
 
 def _escaped_markdown(text: str) -> str:
@@ -143,12 +120,10 @@ def _escaped_markdown(text: str) -> str:
 _LATEX = {
     **{c: f"\\{c}" for c in "&%$#_{}"},
     **{"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"},
+    **{"†": r"\textsuperscript{\dag}", "–": "--", "<": r"\textless{}"},
+    **{">": r"\textgreater{}", "|": r"\textbar{}"},
 }
 
 
 def _escaped_latex(text: str) -> str:
-    return "".join(_LATEX.get(c, c) for c in text)
-
-
-def _latex_unit(figure: Figure) -> str:
-    return _escaped_latex(figure.unit).replace("sqrt(s)", r"$\sqrt{\mathrm{s}}$")
+    return "".join(_LATEX.get(c, c) for c in text).replace("√s", r"$\sqrt{\mathrm{s}}$")

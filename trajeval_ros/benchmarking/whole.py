@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from trajeval_ros.benchmarking import cluster, tables
+from trajeval_ros.benchmarking.grids import grids
 from trajeval_ros.benchmarking.manifest import Manifest, read_manifest
 from trajeval_ros.benchmarking.plan import plan, tasks
 from trajeval_ros.benchmarking.results import CSV, Results, frame, in_order, read_csv, still_good
-from trajeval_ros.benchmarking.table import tables as make_tables
+from trajeval_ros.benchmarking.table import compare
 from trajeval_ros.benchmarking.work import Row
 
 Progress = Callable[[int, int], None]
@@ -56,7 +57,7 @@ def run(
         progress(len(results.rows), len(keys))
     results.finish()
     rows = in_order(results.rows)
-    tables.write(folder, make_tables(rows))
+    tables.write(folder, grids(compare(rows)))
     return rows
 
 

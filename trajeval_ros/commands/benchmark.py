@@ -161,10 +161,11 @@ def _rows(arguments: argparse.Namespace, manifest: Manifest) -> list[Row]:
 
 
 def _say(rows: Sequence[Row], folder: Path) -> None:
-    from trajeval_ros.benchmarking.table import tables
+    from trajeval_ros.benchmarking.grids import summary
+    from trajeval_ros.benchmarking.table import compare
     from trajeval_ros.benchmarking.tables import markdown
 
-    print(markdown(tables(rows)))
+    print(markdown(summary(compare(rows))))
     for row in rows:
         if row["status"] != "ok":
             name = "/".join(str(row[part]) for part in ("system", "sequence", "run"))
