@@ -36,6 +36,7 @@ EXTRAS = {
         "mpmath",
         "nbclient",
         "ipykernel",
+        "playwright",
     ],
     "bench": ["evo", "scikit-learn"],
     "check": ["import-linter", "mypy", "pre-commit", "ruff", "types-PyYAML"],
@@ -52,7 +53,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={"": ["py.typed", "*.css", "*.html", "*.js"]},
+    package_data={"": ["py.typed", "*.css", "*.html", "*.js", "*.LICENSE"]},
     zip_safe=False,
     # PyYAML comes with rclpy; evaluate --params needs it on a machine without ROS too.
     install_requires=["numpy>=1.26", "scipy>=1.11", "PyYAML>=6.0", "setuptools"],
