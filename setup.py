@@ -16,6 +16,8 @@ EXTRAS = {
     "bags": ["rosbags>=0.10"],
     # The plots of report.html, evaluate --figures
     "report": ["matplotlib>=3.6"],
+    # evaluate --rerun; half a gigabyte, and NumPy 2
+    "rerun": ["rerun-sdk>=0.41"],
     # Intervals by the stationary bootstrap where two estimates are compared
     "comparison": ["arch>=6.2"],
     # Result.poses.to_pandas()

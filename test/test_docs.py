@@ -14,6 +14,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
@@ -274,6 +275,8 @@ def test_commands_on_files_run(
         # "run" is the folder that the first of them makes; a bag of one's own is not there.
         if words[0] == "cp":
             shutil.copy(*words[1:])
+        elif "--rerun" in words and find_spec("rerun") is None:
+            continue  # not among what `make install` brings
         elif words[0] in MAINS and any(word.split("/")[0] == "run" for word in words):
             assert MAINS[words[0]](words[1:]) == 0, capsys.readouterr().err
             ran += 1

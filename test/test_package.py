@@ -24,6 +24,7 @@ HEADER = ["# Copyright 2026 The trajeval_ros authors", "# SPDX-License-Identifie
 ROSDEP_KEYS = {"numpy": "python3-numpy", "scipy": "python3-scipy", "yaml": "python3-yaml"}
 # import name -> the extra of setup.py that brings it
 OPTIONAL = {
+    "rerun": "rerun",
     "argcomplete": "completion",
     "arch": "comparison",
     "distributed": "benchmark",

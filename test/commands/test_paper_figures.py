@@ -157,8 +157,9 @@ def test_without_the_library_one_line(
     paths: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     from trajeval_ros.commands import evaluate as command
+    from trajeval_ros.commands import exports
 
-    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    monkeypatch.setattr(exports, "find_spec", lambda name: None)
     assert command.main(["tum", *map(str, paths), "--figures", str(tmp_path / "figures")]) == 1
     said = capsys.readouterr()
     assert said.err.splitlines() == [

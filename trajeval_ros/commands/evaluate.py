@@ -9,13 +9,13 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from trajeval_ros.commands import completion, console
 from trajeval_ros.commands.requirements import Requirement, judge
 
 if TYPE_CHECKING:
+    from trajeval_ros.commands.exports import Exports
     from trajeval_ros.commands.scoring import Outcome
 
 DESCRIPTION = """\
@@ -66,6 +66,11 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         "--mcap",
         metavar="FILE",
         help="write what the node would have published, and the trajectories, to this bag",
+    )
+    parser.add_argument(
+        "--rerun",
+        metavar="FILE",
+        help="write trajectories, the ground truth's uncertainty and errors for Rerun (.rrd)",
     )
     parser.add_argument(
         "--figures",
@@ -163,12 +168,7 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
     if arguments.align_origin and parameters["gauge"] not in ("se3", "none"):
         gauge = parameters["gauge"]
         raise console.UsageError(f"--align-origin aligns by itself: it excludes gauge={gauge}")
-    if arguments.mcap:
-        _require_rosbags()
-    if arguments.figures and find_spec("matplotlib") is None:
-        raise console.CommandError(
-            "--figures: drawing needs the library matplotlib: pip install matplotlib"
-        )
+    exports = _exports(arguments)
     data = inputs.read(arguments)
     offsets = [float(parameters[f"{name}.time_offset"]) for name in data.names]  # type: ignore[arg-type]
     for estimate, offset in zip(data.estimates, offsets, strict=True):
@@ -186,19 +186,19 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
         earlier,
         align_origin=arguments.align_origin,
         given=arguments.given,
-        mcap=arguments.mcap,
-        pictures=arguments.figures,
+        exports=exports,
     )
 
 
-def _require_rosbags() -> None:
-    """Refuse to evaluate what could not be written."""
-    from trajeval_ros.files.mcap import BagWriteError, message_types
+def _exports(arguments: argparse.Namespace) -> Exports | None:
+    """What is to be written for other tools; refused here where it could not be."""
+    if not (arguments.mcap or arguments.rerun or arguments.figures):
+        return None
+    from trajeval_ros.commands.exports import Exports
 
-    try:
-        message_types()
-    except BagWriteError as error:
-        raise console.CommandError(f"--mcap: {error}") from error
+    exports = Exports(arguments.mcap, arguments.rerun, arguments.figures)
+    exports.require_libraries()
+    return exports
 
 
 def _requirements_hold(requirements: Sequence[Requirement], outcome: Outcome) -> bool:

@@ -16,12 +16,12 @@ from trajeval_ros import se3
 from trajeval_ros.commands import console, figures
 from trajeval_ros.commands.baseline import Baseline, Judgement, judge
 from trajeval_ros.commands.console import CommandError, Progress
+from trajeval_ros.commands.exports import Exports, Finished
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.overlap import small_share
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.files.mcap import BagWriteError
 from trajeval_ros.files.output import FILES, OutputError, OutputFolder, write_summary
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
@@ -31,7 +31,7 @@ from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.runs.position_only import comparisons_on_positions
-from trajeval_ros.runs.recording import Recorded, Recording
+from trajeval_ros.runs.recording import Recorded
 from trajeval_ros.runs.several import causes_of_all, compared, together
 from trajeval_ros.wall import shield
 
@@ -59,13 +59,12 @@ def score(
     *,
     align_origin: bool = False,
     given: Sequence[str] = (),
-    mcap: str | None = None,
-    pictures: str | None = None,
+    exports: Exports | None = None,
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
 
-    ``given``: the command line, for the summary to say how it can be made again. ``mcap``: a bag of
-    all topics of the node, to be written; ``pictures``: a folder for the figures of a paper.
+    ``given``: the command line, for the summary to say how it can be made again. ``exports``: what
+    is to be written for other tools.
 
     ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
     first pose of each is laid on the ground truth's, and nothing else is aligned. With several
@@ -85,9 +84,9 @@ def score(
             name: _Run(name, data, parameters, _place(data, output, name), stack)
             for name in data.names
         }
-        recorded = {name: Recorded() for name in runs} if mcap else {}
+        recorded = {name: Recorded() for name in runs} if exports and exports.mcap else {}
         scorings = {
-            name: replace(run.scoring, observe=recorded[name].observe) if mcap else run.scoring
+            name: replace(run.scoring, observe=recorded[name].observe) if recorded else run.scoring
             for name, run in runs.items()
         }
         found = {
@@ -115,20 +114,9 @@ def score(
                     write_summary(Path(output).expanduser(), summary)
                 except OutputError as error:
                     failures += error.lines
-    if mcap:
-        estimates = dict(zip(data.names, data.estimates, strict=True))
-        recording = Recording(data.ground_truth, estimates, recorded, summaries, comparisons)
-        try:
-            recording.write(Path(mcap).expanduser())
-        except BagWriteError as error:
-            failures.append(str(error))
-            mcap = None
-    drawn: tuple[str, ...] = ()
-    if pictures:
-        try:
-            drawn = _draw(Path(pictures).expanduser(), data, parameters, found, scorings)
-        except CommandError as error:
-            failures.append(str(error))
+    exports = exports or Exports()
+    exports.write(Finished(data, parameters, scorings, found, comparisons, recorded))
+    failures += exports.failures
     for remark in data.remarks:
         print(f"info: {remark}")
     for number, (name, run) in enumerate(runs.items()):
@@ -143,10 +131,8 @@ def score(
         print("".join(f"\n{cause.sentence}\n" for cause in shared), end="")
     if len(runs) > 1 and output:
         print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
-    if mcap:
-        print(f"\nWritten: {Path(mcap).expanduser().absolute()}")
-    if pictures and drawn:
-        print(f"\nWritten: {len(drawn)} files in {Path(pictures).expanduser().absolute()}")
+    for line in exports.written:
+        print(f"\n{line}")
     settings = settings_of(parameters, data.names)
     judgements = {
         name: judge(name, earlier, found[name], settings)
@@ -181,36 +167,6 @@ def _compared(
         failures.append,
     )
     return comparisons, shared
-
-
-def _draw(
-    folder: Path,
-    data: Inputs,
-    parameters: Mapping[str, Value],
-    found: Mapping[str, Scored],
-    scorings: Mapping[str, Scoring],
-) -> tuple[str, ...]:
-    """Write the figures of a paper; return the names of the files."""
-    from trajeval_ros.report import paper
-
-    settings = settings_of(parameters, data.names)
-    drawn = [
-        paper.curves(
-            one.evaluated,
-            one.summary,
-            scorings[name].report.track.buckets(),
-            settings.evaluation,
-            settings.estimates[name].time_offset,
-        )
-        for name, one in found.items()
-    ]
-    with_ate = [one for one in drawn if one is not None]
-    if not with_ate:
-        raise CommandError("--figures: there is no ATE to be drawn")
-    try:
-        return paper.write_figures(folder, with_ate)
-    except OSError as error:
-        raise CommandError(f"cannot write {folder}: {error.strerror or error}") from error
 
 
 def _with_arguments(scored: Scored, given: Sequence[str]) -> Scored:

@@ -9,7 +9,6 @@ are those of Okabe and Ito, told apart also by the colour-blind; each has a dash
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +17,9 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from trajeval_ros import se3
-from trajeval_ros.alignment.gauge import Similarity
-from trajeval_ros.comparison.compare import Evaluated
-from trajeval_ros.comparison.errors import errors_of, steps
 from trajeval_ros.files.partial import remove_leftovers, replacing
-from trajeval_ros.online.ate import ate_errors
-from trajeval_ros.online.settings import EvaluationSettings
+from trajeval_ros.report.curves import Curves, breaks, largest
 from trajeval_ros.report.series import vertical_axis
-from trajeval_ros.report.track import Records
 
 Array = npt.NDArray[np.float64]
 
@@ -65,77 +58,6 @@ _STYLE: Any = {
     "svg.hashsalt": "trajeval_ros",
     "figure.constrained_layout.use": True,
 }
-
-
-@dataclass(frozen=True)
-class Curves:
-    """What is drawn of an estimate; angles in degrees, times in ns on the ground truth's clock.
-
-    ``stamps`` (M,) with ``ground_truth`` and ``estimate`` (M, 3), aligned as for ATE, whose errors
-    are ``translation`` and ``rotation`` (M,); ``known_at`` (B,) with two standard deviations of the
-    ground truth, ``known`` (translation, rotation); ``steps_end`` (K,) with the errors of the steps
-    that end there, ``re`` (translation, rotation). NaN where there is none.
-    """
-
-    name: str
-    stamps: npt.NDArray[np.int64]
-    ground_truth: Array
-    estimate: Array
-    ate: tuple[Array, Array]
-    known_at: npt.NDArray[np.int64]
-    known: tuple[Array, Array]
-    steps_end: npt.NDArray[np.int64]
-    re: tuple[Array, Array]
-    re_step: str
-
-    @property
-    def has_rotation(self) -> bool:
-        """Whether the orientations mean something."""
-        return bool(np.isfinite(self.ate[1]).any())
-
-
-def curves(
-    evaluated: Evaluated,
-    summary: Mapping[str, Any],
-    buckets: Records,
-    settings: EvaluationSettings,
-    offset: int,
-) -> Curves | None:
-    """Compute them from the poses of an estimate; None where it has no ATE.
-
-    ``offset`` (ns): what is added to the stamps of ``buckets``.
-    """
-    conventional = summary["conventional"]
-    if len(evaluated) == 0 or conventional.get("ate_translation_rmse") is None:
-        return None
-    found = conventional["alignment"]
-    pose = np.array(found["pose"])
-    alignment = Similarity(se3.from_position_quaternion(pose[:3], pose[3:]), found["scale"])
-    translation, rotation = ate_errors(conventional, evaluated.ground_truth, evaluated.estimate)
-    delta, unit = settings.relative_delta, settings.relative_unit
-    begin, end = steps(evaluated, delta, unit)
-    errors = errors_of(evaluated, begin, end, settings.gauge.name, delta, unit)
-    nothing = np.full(len(end), np.nan)
-    turned = conventional.get("re_rotation_rmse") is not None
-    spread = [
-        2.0 * np.sqrt(np.linalg.eigvalsh(buckets["covariance"][:, part, part])[:, -1])
-        for part in (slice(3), slice(3, None))
-    ]
-    return Curves(
-        name=evaluated.name,
-        stamps=evaluated.stamps,
-        ground_truth=evaluated.ground_truth[:, :3, 3],
-        estimate=alignment.apply(evaluated.estimate)[:, :3, 3],
-        ate=(translation, np.degrees(rotation)),
-        known_at=buckets["stamp"] + offset,
-        known=(spread[0], np.degrees(spread[1])),
-        steps_end=evaluated.stamps[end],
-        re=(
-            nothing if errors.re_translation is None else errors.re_translation,
-            np.degrees(errors.re_rotation) if turned else nothing,
-        ),
-        re_step=f"{delta:g} {unit if unit != 'f' else 'poses'}",
-    )
 
 
 def write_figures(folder: Path, drawn: Sequence[Curves]) -> tuple[str, ...]:
@@ -189,7 +111,7 @@ def trajectory(drawn: Sequence[Curves], width: float) -> Figure:
     for one, look in zip(drawn, _looks(drawn), strict=True):
         places = one.estimate
         axes.plot(
-            *_line(places[:, across], places[:, along], _breaks(one.stamps)), **look, label=one.name
+            *_line(places[:, across], places[:, along], breaks(one.stamps)), **look, label=one.name
         )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"$\\mathit{{{'xyz'[across]}}}$ (m)")
@@ -254,17 +176,17 @@ def _over_time(
     for part, (axes, title) in enumerate(zip(panels, titles, strict=False)):
         if band is not None:
             band(axes, part, start)
-        largest = 0.0
+        highest = 0.0
         for one, look in zip(drawn, _looks(drawn), strict=True):
             stamps, both = values(one)
-            stamps, errors = _largest(stamps, both[part])
+            stamps, errors = largest(stamps, both[part], _POINTS)
             if not np.isfinite(errors).any():
                 continue
             seconds = (stamps - start) / _SECOND
-            axes.plot(*_line(seconds, errors, _breaks(stamps)), **look, label=one.name)
-            largest = max(largest, float(np.nanmax(errors)))
+            axes.plot(*_line(seconds, errors, breaks(stamps)), **look, label=one.name)
+            highest = max(highest, float(np.nanmax(errors)))
         # Of the errors: in a gap of the ground truth its band reaches far beyond them.
-        axes.set_ylim(0.0, 1.08 * largest if largest > 0.0 else 1.0)
+        axes.set_ylim(0.0, 1.08 * highest if highest > 0.0 else 1.0)
         axes.set_ylabel(title)
     end = max(int(one.stamps[-1]) for one in drawn)
     panels[-1].set_xlim(0.0, max((end - start) / _SECOND, 1e-3))
@@ -297,27 +219,8 @@ def _legend(figure: Figure, axes: Any) -> None:
     )
 
 
-def _largest(stamps: npt.NDArray[np.int64], values: Array) -> tuple[npt.NDArray[np.int64], Array]:
-    """The largest value of each of at most so many stretches, and its stamp."""
-    size = -(-len(values) // _POINTS)
-    if size <= 1:
-        return stamps, values
-    padding = -len(values) % size
-    rows = np.concatenate([np.nan_to_num(values, nan=-1.0), np.full(padding, -1.0)])
-    chosen = np.argmax(rows.reshape(-1, size), axis=1) + size * np.arange(len(rows) // size)
-    return stamps[chosen], values[chosen]
-
-
-def _breaks(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
-    """Before which points a line is broken: there was nothing for long."""
-    gaps = np.diff(stamps)
-    if len(gaps) == 0:
-        return np.empty(0, np.intp)
-    return np.flatnonzero(gaps > max(10.0 * float(np.median(gaps)), 0.5 * _SECOND)) + 1
-
-
 def _breaks_of(drawn: Sequence[Curves], positions: Array) -> npt.NDArray[np.intp]:
-    return next(_breaks(one.stamps) for one in drawn if one.ground_truth is positions)
+    return next(breaks(one.stamps) for one in drawn if one.ground_truth is positions)
 
 
 def _line(x: Array, y: Array, breaks: npt.NDArray[np.intp]) -> tuple[Array, Array]:
