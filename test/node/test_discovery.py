@@ -77,11 +77,11 @@ def test_a_second_type_does_not_take_over() -> None:
 
 
 def test_a_type_that_cannot_be_read_is_named_with_the_remedy() -> None:
-    found = planned(publisher("nav_msgs/msg/Path"))
+    found = planned(publisher("sensor_msgs/msg/Imu"))
     assert found.offer is None
     assert found.problems == (
-        "/estimate: /slam publishes nav_msgs/msg/Path, which cannot be read; remap to a topic of"
-        " type PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped",
+        "/estimate: /slam publishes sensor_msgs/msg/Imu, which cannot be read; remap to a topic of"
+        " type PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped, Path",
     )
 
 

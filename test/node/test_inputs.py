@@ -10,10 +10,9 @@ from pathlib import Path
 
 import data
 import pytest
-from geometry_msgs.msg import PoseStamped, TransformStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped
 from harness import Graph, save_samples, values_of
 from nav_msgs.msg import Odometry
-from nav_msgs.msg import Path as PathMessage
 
 from trajeval_ros.node.decode import POSE_TYPES
 
@@ -112,9 +111,9 @@ def test_what_cannot_be_heard_is_an_error_with_its_remedy(graph: Graph) -> None:
     for publisher in (truth, estimate):
         graph.node.destroy_publisher(publisher)
     graph.until_health("ground truth", "no publisher", level=1)
-    path = graph.publisher("estimate", PathMessage)
-    graph.until_health("estimate", "nav_msgs/msg/Path, which cannot be read", level=2)
-    graph.node.destroy_publisher(path)
+    array = graph.publisher("estimate", PoseArray)
+    graph.until_health("estimate", "geometry_msgs/msg/PoseArray, which cannot be read", level=2)
+    graph.node.destroy_publisher(array)
 
 
 def test_two_publishers_on_one_topic_are_named(graph: Graph) -> None:

@@ -330,6 +330,9 @@ def _beside(state: State) -> Any:
         if running:
             shown = (show(state.figure(*running, of=name)) for name in state.names)
             table.add_row(title, *shown)
+    after = [state.figure("latest_path", "ate_translation_rmse", of=n) for n in state.names]
+    if any(value is not None for value in after):
+        table.add_row("ATE, latest path", *map(metres, after))
     shares = [state.figure("coverage", "time", of=name) for name in state.names]
     table.add_row("coverage, time", *("-" if s is None else f"{100 * s:.1f} %" for s in shares))
     return table
@@ -360,6 +363,9 @@ def _alone(state: State) -> Any:
             show(state.figure(*windowed)) if windowed else "",
             Text(sparkline(list(trend), 24), style="cyan"),
         )
+    after = state.figure("latest_path", "ate_translation_rmse")
+    if after is not None:
+        table.add_row("ATE, latest path", metres(after), "", "")
     share = state.figure("coverage", "time")
     table.add_row("coverage, time", "-" if share is None else f"{100 * share:.1f} %", "", "")
     return table

@@ -22,7 +22,13 @@ from trajeval_ros.commands.overlap import small_share
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.files.output import FILES, OutputError, OutputFolder, write_summary
+from trajeval_ros.files.output import (
+    FILES,
+    LATEST_PATH,
+    OutputError,
+    OutputFolder,
+    write_summary,
+)
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
 from trajeval_ros.online.settings import settings_of
@@ -273,7 +279,12 @@ class _Run:
                 self._folder = self._stack.enter_context(OutputFolder(self._output))
                 self._folder.lack(scored.summary["estimate"]["evaluated"], self._full)
             if self._folder is not None:
-                self._folder.write(scored.summary, self.scoring.report.render, last=True)
+                self._folder.write(
+                    scored.summary,
+                    self.scoring.report.render,
+                    last=True,
+                    latest_path=self.scoring.estimate.latest_path,
+                )
         except OutputError as error:
             self.failures = error.failures or dict.fromkeys(FILES, str(error))
 
@@ -312,7 +323,8 @@ class _Run:
         remarks += [f"error: {line}" for line in report.defects]
         if remarks:
             print("\n" + "\n".join(console.wrapped(remarks, 4)))
-        written = [name for name in FILES if name not in self.failures]
+        there = FILES if self.scoring.estimate.latest_path is None else (*FILES, LATEST_PATH)
+        written = [name for name in there if name not in self.failures]
         if self._folder is not None and written:
             print(f"\nWritten: {', '.join(written)} in {self._folder.path}")
             if "report.html" in written and find_spec("matplotlib") is None:

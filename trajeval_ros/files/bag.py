@@ -6,7 +6,8 @@ Bags are read with the library rosbags, the extra ``bags``; no ROS is needed. St
 the message headers, which say when a pose was true, not of the log, which say when it was
 written down (they may not even be on the same clock).
 
-Topics: PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped; and one transform of
+Topics: PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped; Path, of which each
+message brings the poses that are new in it; and one transform of
 a TFMessage, named as evo does: ``/tf:odom.base_link`` is the pose of ``base_link`` in ``odom``, as
 published, or where it is not, composed along the tree of those that are, static ones included.
 """
@@ -22,10 +23,12 @@ from typing import Any
 import numpy as np
 
 from trajeval_ros import se3
+from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, PathMessage, decode_path, path_of
 from trajeval_ros.files.salvage import lone_bag, salvaged
 from trajeval_ros.files.text import PathLike
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 from trajeval_ros.files.transforms import Edge, composed, finest, way
+from trajeval_ros.online.samples import PoseSamples
 
 Progress = Callable[[int, int], None]
 """Called with the number of messages read, and of all there are to read."""
@@ -35,6 +38,7 @@ _POSE_TYPES = (
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/TransformStamped",
+    PATH_TYPE,
 )
 _WITH_COVARIANCE = ("geometry_msgs/msg/PoseWithCovarianceStamped", "nav_msgs/msg/Odometry")
 _TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -108,11 +112,12 @@ def read_bag(
     source = os.fspath(path)
     remarks: list[str] = []
     made: dict[tuple[str, str], str] = {}
+    paths: dict[str, GrowingPath] = {}
     with _opened(source, remarks) as reader:
         keys = [_find(source, reader, topic) for topic in topics]
         columns = {key: _Column() for key in keys}
         for topic, edge, pose in _poses(
-            source, reader, {topic for topic, _ in keys}, progress, remarks
+            source, reader, {topic for topic, _ in keys}, progress, remarks, paths
         ):
             if (topic, edge) in columns:
                 columns[topic, edge].add(pose)
@@ -128,10 +133,18 @@ def read_bag(
             )
     return tuple(
         columns[key].trajectory(
-            f"{source}, topic {name}", (*remarks, *([made[key]] if key in made else []))
+            f"{source}, topic {name}",
+            (*remarks, *([made[key]] if key in made else []), *_remarks_on(paths.get(key[0]))),
+            paths[key[0]].latest if key[0] in paths else None,
         )
         for name, key in zip(topics, keys, strict=True)
     )
+
+
+def _remarks_on(path: GrowingPath | None) -> tuple[str, ...]:
+    if path is None or not path.lacks_stamps:
+        return ()
+    return ("the poses of its paths have no stamps: the last of each is taken, at the path's",)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,7 +188,9 @@ class _Column:
         poses = se3.from_position_quaternion(numbers[good, :3], numbers[good, 3:])
         return Edge.of(np.array(self.stamps, dtype=np.int64)[good], poses, static)
 
-    def trajectory(self, source: str, remarks: tuple[str, ...]) -> Trajectory:
+    def trajectory(
+        self, source: str, remarks: tuple[str, ...], latest_path: PoseSamples | None
+    ) -> Trajectory:
         numbers = np.array(self._numbers, dtype=np.float64)
         covariances = None
         if self._covariances:
@@ -188,6 +203,7 @@ class _Column:
             source=source,
             covariances=covariances,
             remarks=remarks,
+            latest_path=latest_path,
         )
 
 
@@ -297,13 +313,18 @@ def _messages(
     some = False
     try:
         for connection, _, raw in reader.messages(connections):
-            message = reader.deserialize(raw, connection.msgtype)
-            yield connection, message
+            yield connection, _read(reader, connection.msgtype, raw)
             some = True
     except Exception as error:  # see _unreadable
         if not some:
             raise _unreadable(source, error) from error
         remarks.append(_DAMAGED)
+
+
+def _read(reader: Any, kind: str, raw: bytes) -> Any:
+    """A message; a path, which may hold many poses, in the quickest way there is."""
+    path = decode_path(raw) if kind == PATH_TYPE and reader.is2 else None
+    return reader.deserialize(raw, kind) if path is None else path
 
 
 def _unreadable(source: str, error: Exception) -> TrajectoryFileError:
@@ -326,8 +347,13 @@ def _poses(
     topics: set[str],
     progress: Progress | None,
     remarks: list[str],
+    paths: dict[str, GrowingPath] | None = None,
 ) -> Iterator[tuple[str, str, _Pose]]:
-    """Topic, ``parent.child`` of a transform in a TFMessage or "", and pose, in log order."""
+    """Topic, ``parent.child`` of a transform in a TFMessage or "", and pose, in log order.
+
+    ``paths`` are filled in by topic.
+    """
+    paths = {} if paths is None else paths
     # A topic may have other types besides, which hold no poses.
     connections = [c for c in reader.connections if c.topic in topics and _usable([c.msgtype])]
     # Without connections, the library would read every message.
@@ -343,10 +369,20 @@ def _poses(
             for transform in message.transforms:
                 frames = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
                 yield topic, ".".join(frames), _pose(transform, rows[topic], frames=frames)
+        elif connection.msgtype == PATH_TYPE:
+            path = message if isinstance(message, PathMessage) else path_of(message)
+            for pose in _poses_of(paths.setdefault(topic, GrowingPath()).take(path), rows[topic]):
+                yield topic, "", pose
         else:
             yield topic, "", _pose(message, rows[topic], connection.msgtype in _WITH_COVARIANCE)
         if progress is not None and (done % _PROGRESS_EVERY == 0 or done == total):
             progress(done, total)
+
+
+def _poses_of(samples: PoseSamples, row: int) -> Iterator[_Pose]:
+    numbers = np.concatenate([samples.positions, samples.quaternions], axis=1).tolist()
+    for stamp, each in zip(samples.stamps.tolist(), numbers, strict=True):
+        yield _Pose(stamp, tuple(each), None, row)
 
 
 def _pose(

@@ -27,8 +27,10 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.files.partial import lock, remove_leftovers, replacing
+from trajeval_ros.files.tum import tum_text
 from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations
+from trajeval_ros.online.samples import PoseSamples
 
 Array = npt.NDArray[np.float64]
 Summary = Mapping[str, Any]
@@ -67,13 +69,18 @@ _POSES = tuple(COLUMNS.index(f"{whose}_{name}") for whose in ("gt", "est") for n
 
 FILES = ("summary.json", "poses.csv", "report.html")
 """What is written, in this order."""
+LATEST_PATH = "latest_path.txt"
+"""And of an estimate that is published as whole trajectories, again and again, the latest."""
 
 # More than a summary takes, bytes, and the pieces in which room for it is found.
 _RESERVE, _PIECE = 1 << 15, 1 << 12
 # Rows that a full disk does not take wait for it to have room again, bytes: some ten thousand.
 _MOST_WAITING = 1 << 23
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_LEFTOVERS = (".poses-*.csv.partial", *(f".{name}.*.partial" for name in FILES))
+_LEFTOVERS = (
+    ".poses-*.csv.partial",
+    *(f".{name}.*.partial" for name in (*FILES, LATEST_PATH)),
+)
 
 
 class OutputError(Exception):
@@ -290,15 +297,17 @@ class OutputFolder:
         report: Callable[[Summary], str] | None = None,
         *,
         last: bool = False,
+        latest_path: PoseSamples | None = None,
     ) -> None:
         """Write ``summary.json``, ``poses.csv``, complete to this moment, and ``report.html``.
 
         The rows get the errors that the ATE in ``summary`` is of.
         ``report`` (without it there is no ``report.html``) is called with the summary, after the
-        two other files are safe. May be called again and again, but not after the ``last`` time,
-        for which no copy of the rows is made. A file that cannot be written does not keep the next
-        ones from it. A KeyboardInterrupt restarts the file it fell into, and is raised once all
-        files are written: ``ros2 launch`` sends SIGINT twice.
+        two other files are safe; ``latest_path`` goes to ``latest_path.txt``, as TUM's. May be
+        called again and again, but not after the ``last`` time, for which no copy of the rows is
+        made. A file that cannot be written does not keep the next ones from it. A KeyboardInterrupt
+        restarts the file it fell into, and is raised once all files are written: ``ros2 launch``
+        sends SIGINT twice.
         """
         text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
         steps: dict[str, Callable[[], None]] = {
@@ -309,6 +318,13 @@ class OutputFolder:
             steps["report.html"] = lambda: self._replace(
                 "report.html", lambda file: _put(file, report(summary))
             )
+        if latest_path is not None:
+            rows = tum_text(latest_path)
+            steps[LATEST_PATH] = lambda: self._replace(LATEST_PATH, lambda file: _put(file, rows))
+        else:
+            # One of another run would be taken for this one's.
+            with contextlib.suppress(OSError):
+                (self.path / LATEST_PATH).unlink(missing_ok=True)
         failures: dict[str, str] = {}
         full = True
         interrupt: KeyboardInterrupt | None = None
@@ -338,7 +354,7 @@ class OutputFolder:
         if interrupt is not None:
             raise interrupt
         if failures:
-            failures = {name: failures[name] for name in FILES if name in failures}
+            failures = {name: failures[name] for name in steps if name in failures}
             raise OutputError("; ".join(failures.values()), failures, full)
 
     def _replace(self, name: str, fill: Callable[[IO[bytes]], None]) -> None:

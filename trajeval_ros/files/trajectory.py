@@ -50,6 +50,8 @@ class Trajectory:
         cut: how many rows were left out because they lie outside the span that was asked for.
         superseded_rows: (L,) int64, rows left out because a later one has the same stamp.
         has_orientation: False where the file has none: the quaternions are 0 0 0 1 then.
+        latest_path: of whole trajectories that are published again and again, the latest: the poses
+            are those of each stamp as they came first.
         remarks: what was read differently from the plain format, a clause each.
     """
 
@@ -68,6 +70,7 @@ class Trajectory:
     )
     has_orientation: bool = True
     remarks: tuple[str, ...] = ()
+    latest_path: PoseSamples | None = None
 
     def __post_init__(self) -> None:
         count = len(self.stamps)

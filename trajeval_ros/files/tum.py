@@ -11,6 +11,7 @@ from trajeval_ros.files.rows import covariances_of, trajectory_of
 from trajeval_ros.files.stamps import SECONDS, read_stamps
 from trajeval_ros.files.text import Layout, PathLike, read_table
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+from trajeval_ros.online.samples import PoseSamples
 
 _NAMED = Columns((0,), SECONDS, (1, 2, 3), 1.0, (4, 5, 6, 7))
 _WITH_COVARIANCE = 20
@@ -53,15 +54,20 @@ def write_tum(path: PathLike, trajectory: Trajectory) -> None:
     Raises:
         TrajectoryFileError: the file cannot be written.
     """
-    values = np.concatenate((trajectory.positions, trajectory.quaternions), axis=1).tolist()
-    lines = ["# timestamp tx ty tz qx qy qz qw"]
-    for stamp, row in zip(trajectory.stamps.tolist(), values, strict=True):
-        seconds, nanoseconds = divmod(abs(stamp), 1_000_000_000)
-        sign = "-" if stamp < 0 else ""
-        lines.append(f"{sign}{seconds}.{nanoseconds:09d} {' '.join(map(repr, row))}")
     try:
         with open(path, "w", encoding="utf-8", newline="\n") as file:
-            file.write("\n".join(lines) + "\n")
+            file.write(tum_text(trajectory.samples))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise TrajectoryFileError(os.fspath(path), f"it cannot be written: {reason}") from None
+
+
+def tum_text(poses: PoseSamples) -> str:
+    """What a file of these poses has in it."""
+    values = np.concatenate((poses.positions, poses.quaternions), axis=1).tolist()
+    lines = ["# timestamp tx ty tz qx qy qz qw"]
+    for stamp, row in zip(poses.stamps.tolist(), values, strict=True):
+        seconds, nanoseconds = divmod(abs(stamp), 1_000_000_000)
+        sign = "-" if stamp < 0 else ""
+        lines.append(f"{sign}{seconds}.{nanoseconds:09d} {' '.join(map(repr, row))}")
+    return "\n".join(lines) + "\n"

@@ -82,6 +82,8 @@ class Decoded:
     frames: tuple[str, ...]
     child_frame: str
     undecodable: int
+    latest_path: PoseSamples | None = None
+    """The whole trajectory that the messages bring with them."""
 
 
 @dataclass(frozen=True, slots=True)

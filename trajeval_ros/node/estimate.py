@@ -12,7 +12,7 @@ from trajeval_ros.node.inputs import Input
 from trajeval_ros.node.outputs import Outputs, Row, Table
 from trajeval_ros.online.results import Results
 from trajeval_ros.runs.session import Session
-from trajeval_ros.runs.statuses import STATUSES, error_model_entries, flatten
+from trajeval_ros.runs.statuses import STATUSES, error_model_entries, flatten, latest_path_entries
 
 # The part of the time that the figures of a window, or a comparison, may take before they become
 # rarer.
@@ -78,6 +78,9 @@ class Estimate:
         models = self._session.error_models_of(self.name)
         if models:
             shown["error_model"] = error_model_entries(models)
+        latest_path = self._session.latest_path_of(self.name)
+        if latest_path is not None:
+            shown["latest_path"] = latest_path_entries(latest_path)
         rows = {f"{self.title}{status}": Row(values) for status, values in shown.items()}
         self._table.publish(stamp, rows)
 

@@ -52,6 +52,7 @@ _COMPARISON_PERIOD = 1.0
 _WAITING_PERIOD = 2.0
 _WAITING_REPEATED = 5
 _ERROR_MODEL_PERIOD = 3.0
+_LATEST_PATH_PERIOD = 1.0
 _PATH_PERIOD = 1.0
 _MARKER_PERIOD = 0.2
 # What a subscriber may take at shutdown, s.
@@ -114,7 +115,7 @@ class Evaluator(Node):
         self._sieve: LeftOver | None = None
         self._notices_said: set[str] = set()
         self._defects_said: set[str] = set()
-        self._batch_cost = self._next_fit = 0.0
+        self._batch_cost = self._next_fit = self._next_path = 0.0
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -126,6 +127,7 @@ class Evaluator(Node):
                 (_COMPARISON_PERIOD, self._on_comparison),
                 (_WAITING_PERIOD, self._on_waiting),
                 (_ERROR_MODEL_PERIOD, self._on_error_model),
+                (_LATEST_PATH_PERIOD, self._on_latest_paths),
                 (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
                 (_PATH_PERIOD, self._on_paths),
                 (_MARKER_PERIOD, self._on_markers),
@@ -156,12 +158,14 @@ class Evaluator(Node):
 
     def _log_figures(self) -> None:
         for each in self._estimates:
-            for line in summary_lines(self._session.figures(each.name)):
+            latest = self._session.latest_path_of(each.name)
+            for line in summary_lines(self._session.figures(each.name), latest):
                 self.get_logger().info(f"{each.title}{line}")
 
     def _publish_last(self) -> None:
         """Publish what there is at the end of a run."""
         self._publish(self._session.finish_all())
+        self._session.score_latest_paths()
         for each in self._estimates:
             each.publish_metrics(refresh=True)
         if self._compared is not None:
@@ -201,6 +205,14 @@ class Evaluator(Node):
         begin = time.monotonic()
         if begin >= self._next_fit and self._session.fit_error_model():
             self._next_fit = begin + (time.monotonic() - begin) / SHARE
+            for each in self._estimates:
+                each.is_due = True
+
+    def _on_latest_paths(self) -> None:
+        """Score the latest whole trajectories; what takes long makes the next time wait."""
+        begin = time.monotonic()
+        if begin >= self._next_path and self._session.score_latest_paths():
+            self._next_path = begin + (time.monotonic() - begin) / SHARE
             for each in self._estimates:
                 each.is_due = True
 
@@ -318,6 +330,8 @@ class Evaluator(Node):
         self._monitor.note_messages(topic, len(decoded.samples) + decoded.undecodable)
         self._session.note_undecodable(topic, decoded.undecodable)
         self._jumps.stamps(topic, decoded.samples.stamps)
+        if decoded.latest_path is not None:
+            self._session.take_path(topic, decoded.latest_path)
         return decoded.samples
 
     def _take_all(self) -> None:

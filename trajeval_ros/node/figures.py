@@ -9,9 +9,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from trajeval_ros.report import covered
+from trajeval_ros.report.after_closure import after_closure
 
 
-def summary_lines(figures: Mapping[str, Any]) -> list[str]:
+def summary_lines(
+    figures: Mapping[str, Any], latest_path: Mapping[str, Any] | None = None
+) -> list[str]:
     """Return the figures of a whole run in a few lines for the log."""
     estimate, coverage = figures["estimate"], figures["coverage"]
     lines = [f"{estimate['received']:,} estimates received, {estimate['evaluated']:,} evaluated"]
@@ -25,6 +28,7 @@ def summary_lines(figures: Mapping[str, Any]) -> list[str]:
             f" {_short(conventional.get(f'{name}_translation_rmse'))} m,"
             f" {_degrees(conventional.get(f'{name}_rotation_rmse'))} deg"
         )
+    lines += filter(None, [after_closure(latest_path)])
     for name in ("relative", "absolute"):
         lines.append(
             f"{name} log-likelihood: {_short(figures[name].get('log_likelihood'))} nats,"

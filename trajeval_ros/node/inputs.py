@@ -12,14 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
+from nav_msgs.msg import Path
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from trajeval_ros.node.decode import POSE_TYPES, Decoded, decode
+from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, decode_paths
+from trajeval_ros.node.decode import POSE_TYPES, Decoded, decode, deserialized
 from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan
 
 # Long enough for the seconds that learning the hyperparameters or writing the report may take: of
@@ -28,7 +31,11 @@ QUEUE_DEPTH = 10_000
 # A batch; what is beyond it waits for the next one, so that a flood does not starve the services.
 BATCH = 5_000
 
-KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()}
+# Each is a whole trajectory: one that is lost is made up for by the next.
+_PATH_DEPTH = 20
+_PATH = "Path"
+
+KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()} | {PATH_TYPE: _PATH}
 _RELIABILITY = {
     "reliable": ReliabilityPolicy.RELIABLE,
     "best_effort": ReliabilityPolicy.BEST_EFFORT,
@@ -92,6 +99,7 @@ class Input:
         self._lost = 0
         self._frame_changes = 0
         self._frame: str | None = None
+        self._path = GrowingPath()
         self.heard = False
         """Whether anything has come yet."""
         self.child_frame = ""
@@ -149,7 +157,7 @@ class Input:
             self._name,
             _never,
             QoSProfile(
-                depth=QUEUE_DEPTH,
+                depth=_PATH_DEPTH if offer.type_name == _PATH else QUEUE_DEPTH,
                 reliability=_RELIABILITY[offer.reliability],
                 durability=_DURABILITY[offer.durability],
             ),
@@ -181,14 +189,29 @@ class Input:
     @property
     def _problem(self) -> str | None:
         """Why what is heard is of no use."""
-        return None
+        if not self._path.lacks_stamps:
+            return None
+        return (
+            f"{self._topic}: the poses of the paths have no stamps: the last of each is taken, at"
+            " the path's, and corrections of earlier ones are not scored"
+        )
 
     def _message(self, type_name: str) -> Any:
         """The class of a type's messages, by the type's short name."""
-        return POSE_TYPES[type_name].message
+        return Path if type_name == _PATH else POSE_TYPES[type_name].message
 
     def _decode(self, type_name: str, messages: Sequence[bytes]) -> Decoded:
+        if type_name == _PATH:
+            return self._decode_paths(messages)
         return decode(POSE_TYPES[type_name], messages)
+
+    def _decode_paths(self, messages: Sequence[bytes]) -> Decoded:
+        samples, frames, undecodable = decode_paths(
+            messages, self._path, lambda raw: deserialized(raw, Path)
+        )
+        named = tuple(frame for frame, _ in groupby(frames))
+        latest = None if self._path.lacks_stamps else self._path.latest
+        return Decoded(samples, named, "", undecodable, latest)
 
     def _drain(self, subscription: Subscription, message: Any) -> list[bytes]:
         messages: list[bytes] = []

@@ -28,6 +28,7 @@ from trajeval_ros.node.diagnostics import (
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.online.parameters import ONE
 from trajeval_ros.online.results import TopicHealth
+from trajeval_ros.report.after_closure import after_closure
 from trajeval_ros.runs.session import Session
 
 
@@ -118,7 +119,15 @@ class Monitor:
             title = name if session.is_several else ONE[0]
             account = health.estimate
             statuses.append(
-                self._check_topic(topic, title, states[topic], account, "evaluated", period)
+                self._check_topic(
+                    topic,
+                    title,
+                    states[topic],
+                    account,
+                    "evaluated",
+                    period,
+                    ((), {"latest_path": after_closure(session.latest_path_of(name))}),
+                )
             )
         offsets = session.engine.settings.estimates
         statuses += [

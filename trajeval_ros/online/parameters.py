@@ -107,7 +107,13 @@ class Parameter:
 
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
-MESSAGE_TYPES = ("PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TransformStamped")
+MESSAGE_TYPES = (
+    "PoseStamped",
+    "PoseWithCovarianceStamped",
+    "Odometry",
+    "TransformStamped",
+    "Path",
+)
 
 _TYPE = r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*"
 _TOPIC = r"~?/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*(:[^:.]+\.[^:]+)?"

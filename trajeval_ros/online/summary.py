@@ -226,15 +226,15 @@ def _conventional(evaluation: Evaluation) -> Figures:
         "re_rotation_rmse": conventional.re_rotation_rmse,
         "re_delta": evaluation.settings.relative_delta,
         "re_unit": evaluation.settings.relative_unit,
-        "alignment": _ate_alignment(conventional.alignment),
+        "alignment": ate_alignment(conventional.alignment),
         "at": "ground_truth" if evaluation.instants.are_told else "estimate",
     }
 
 
-def _ate_alignment(alignment: Alignment | None) -> Figures:
-    """What ATE is under, as ``absolute.alignment``, which weighs by the ground truth's covariance.
+def ate_alignment(alignment: Alignment | None) -> Figures:
+    """Return what ATE is under, in the form of ``absolute.alignment``.
 
-    ATE's is the one of the positions alone.
+    That one weighs by the ground truth's covariance, ATE's is the one of the positions alone.
     """
     if alignment is None:
         return {"pose": None, "scale": None}

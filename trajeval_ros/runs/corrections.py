@@ -43,7 +43,9 @@ def corrected(
         for own in {"extrinsic", f"{name}.extrinsic"} & set(values):
             changed[own] = (*position.tolist(), *quaternion.tolist())
     if "scale" in what:
-        estimate = replace(estimate, positions=estimate.positions * model["scale"]["value"])
+        scale, path = model["scale"]["value"], estimate.latest_path
+        scaled = path and replace(path, positions=path.positions * scale)
+        estimate = replace(estimate, positions=estimate.positions * scale, latest_path=scaled)
     return estimate, changed
 
 
@@ -60,9 +62,17 @@ def moved(estimate: Trajectory, pose: npt.NDArray[np.float64]) -> Trajectory:
     if covariances is not None:
         both = np.kron(np.eye(2), rotation)
         covariances = both @ covariances @ both.T
+    path = estimate.latest_path
+    if path is not None:
+        path = replace(
+            path,
+            positions=path.positions @ rotation.T + pose[:3, 3],
+            quaternions=path.quaternions @ product.T,
+        )
     return replace(
         estimate,
         positions=estimate.positions @ rotation.T + pose[:3, 3],
         quaternions=estimate.quaternions @ product.T,
         covariances=covariances,
+        latest_path=path,
     )

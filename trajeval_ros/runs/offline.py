@@ -29,6 +29,7 @@ from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.whole_run import Poses, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_models, put_into
+from trajeval_ros.runs.latest_path import on_positions, scored
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
     is_position_only,
@@ -189,6 +190,10 @@ def completed(
         )
         put_into(summary, models)
         report.model = models.get("run")
+    if len(kept.stamps) and estimate.latest_path is not None:
+        own, settings = engine.settings.estimates[name], engine.settings.evaluation
+        found = scored(estimate.latest_path, kept.parts, settings, own)
+        summary["latest_path"] = on_positions(found) if position_only else found
     summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
     return summary
 

@@ -15,6 +15,7 @@ from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Results
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import LiveErrorModels, put_into
+from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.wall import shield
 
 
@@ -41,6 +42,7 @@ class Record:
         self.models = LiveErrorModels(window)
         self.undecodable = 0
         self.causes: tuple[Cause, ...] = ()
+        self.latest_path: LatestPath | None = None
         self._examined = 0
         self._directory = directory
         self._folder: OutputFolder | None = None
@@ -72,6 +74,8 @@ class Record:
             self.report.add(results)
             say = self.report.say
             shield("the error model", lambda: self.models.add(evaluations, offset), None, say)
+            if self.latest_path is not None:
+                self.latest_path.add(evaluations)
         folder = self._folder
         if self._directory and folder is None and len(evaluations):
             folder = self._try_open()
@@ -96,6 +100,18 @@ class Record:
         lack: dict[str, dict[str, Any]] = {}
         return shield("the error model", lambda: self.models.figures, lack, self.report.say)
 
+    def score_latest_path(self) -> bool:
+        """Score the latest whole trajectory, if there is a new one, or more to score it by."""
+        latest = self.latest_path
+        return latest is not None and shield(
+            "the latest path", latest.score, False, self.report.say
+        )
+
+    @property
+    def of_latest_path(self) -> dict[str, Any] | None:
+        """The figures of the latest whole trajectory, as far as it has been scored."""
+        return None if self.latest_path is None else self.latest_path.figures
+
     def look_for_causes(self, evaluated: int, *, again: bool = False) -> None:
         """Look at the run so far, if more has been ``evaluated`` since, or ``again``."""
         if evaluated != self._examined or again:
@@ -105,6 +121,9 @@ class Record:
         """Return an engine's summary as ``summary.json`` has it."""
         whole = {**summary, "likely_causes": [asdict(cause) for cause in self.causes]}
         put_into(whole, self.error_models)
+        self.score_latest_path()
+        if self.of_latest_path is not None:
+            whole["latest_path"] = self.of_latest_path
         return whole
 
     def save(self, summary: Mapping[str, object], *, last: bool) -> None:
@@ -120,7 +139,8 @@ class Record:
             assert self.error is not None
             raise OutputError(self.error)
         try:
-            folder.write(summary, self.report.render, last=last)
+            path = None if self.latest_path is None else self.latest_path.path
+            folder.write(summary, self.report.render, last=last, latest_path=path)
         except OutputError as error:
             self.error = str(error)
             raise
@@ -132,6 +152,8 @@ class Record:
         self.causes = ()
         self.models = LiveErrorModels(self.models.duration)
         self.report.clear()
+        if self.latest_path is not None:
+            self.latest_path.clear()
         if self._folder is not None:
             try:
                 self._folder.clear()

@@ -16,7 +16,13 @@ from typing import Any
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.ratio import Method
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.files.output import FILES, OutputError, OutputFolder, write_summary
+from trajeval_ros.files.output import (
+    FILES,
+    LATEST_PATH,
+    OutputError,
+    OutputFolder,
+    write_summary,
+)
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import (
     ParameterError,
@@ -28,12 +34,14 @@ from trajeval_ros.online.parameters import (
 )
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.record import Record
 from trajeval_ros.runs.several import NewestPoses, alike_long, causes_of_all, compared, together
 from trajeval_ros.wall import shield
 
 _SUMMARY = "summary.json"
+_OF_ONE = (*FILES, LATEST_PATH)
 
 UNDECODABLE = "undecodable"
 """Why a message is rejected that the engine never sees."""
@@ -115,6 +123,25 @@ class Session:
             self._undecodable += number
         else:
             self._records[self.names[topic - 1]].undecodable += number
+
+    def take_path(self, topic: int, path: PoseSamples) -> None:
+        """Take the latest whole trajectory of an estimate; before its poses are fed."""
+        if topic == 0:
+            return
+        record = self._records[self.names[topic - 1]]
+        if record.latest_path is None:
+            settings = self.engine.settings
+            own = settings.estimates[self.names[topic - 1]]
+            record.latest_path = LatestPath(settings.evaluation, own)
+        record.latest_path.take(path)
+
+    def score_latest_paths(self) -> bool:
+        """Score the latest whole trajectories, where there are new ones; 0.1 s at the most."""
+        return sum(record.score_latest_path() for record in self._records.values()) > 0
+
+    def latest_path_of(self, name: str | None = None) -> dict[str, Any] | None:
+        """The figures of an estimate's latest whole trajectory, if it publishes such."""
+        return self._record(name).of_latest_path
 
     def newest_stamps(self) -> list[int]:
         """The newest stamps let in (ns), one a topic, on the ground truth's clock."""
@@ -299,8 +326,8 @@ class Session:
     def _files(self) -> list[str]:
         """What is in the output folder."""
         if not self.is_several:
-            return list(FILES)
-        return [*(f"{name}/{file}" for name in self.names for file in FILES), _SUMMARY]
+            return list(_OF_ONE)
+        return [*(f"{name}/{file}" for name in self.names for file in _OF_ONE), _SUMMARY]
 
     def _summaries(self) -> list[str]:
         """Those of the files that tell of results."""
@@ -344,7 +371,7 @@ class Session:
         copy = _free(folder)
         if any(_same_file(folder / _SUMMARY, kept / _SUMMARY) for kept in folder.glob("run_*")):
             return
-        earlier = dict.fromkeys((*FILES, *_files_of_several(folder), *self._files()))
+        earlier = dict.fromkeys((*_OF_ONE, *_files_of_several(folder), *self._files()))
         try:
             _keep_files(folder, copy, earlier)
             # What no file of this run takes the place of.
@@ -439,7 +466,7 @@ def _files_of_several(folder: Path) -> list[str]:
     except (OSError, ValueError, LookupError, TypeError):
         return []
     known = (name for name in names if isinstance(name, str) and is_name(name))
-    return [f"{name}/{file}" for name in known for file in FILES]
+    return [f"{name}/{file}" for name in known for file in _OF_ONE]
 
 
 def _keep(path: Path, kept: Path) -> None:

@@ -51,6 +51,11 @@ def error_model_entries(models: Mapping[str, Mapping[str, Any]]) -> dict[str, st
     return found
 
 
+def latest_path_entries(figures: Mapping[str, Any]) -> dict[str, str]:
+    """The status ``latest_path``; of the same poses as they came with ``online_`` before it."""
+    return dict(_entries("", figures))
+
+
 def _components(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for key, value in figures.items():
         if key in _MATRICES:
