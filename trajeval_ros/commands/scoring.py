@@ -168,7 +168,7 @@ def _compared(
     turning = [one for name, one in evaluated.items() if not summaries[name].get("position_only")]
     shared = shield(
         "the search for likely causes",
-        lambda: causes_of_all(turning, settings.gauge.name),
+        lambda: causes_of_all(turning),
         no_causes,
         failures.append,
     )

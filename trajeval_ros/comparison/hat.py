@@ -9,13 +9,13 @@ variance follows from those of the three differences,
     var(ground truth) = (var(a - g) + var(b - g) - var(a - b)) / 2.
 
 As there, the differences are of steps, which need no common world and do not gather drift: each
-one's displacement over a few seconds, in its own body's axes. Where two estimates agree with each
-other far better than either does with the ground truth, the ground truth has the larger part, or
-the two share an error: sensor, calibration, map. Which of these it is, no variance can tell.
+one's displacement over a few seconds, in its own body's axes. What calibration explains of them is
+taken out first (`calibrated`), since two estimates of one sensor share it. Where they then agree
+with each other far better than either does with the ground truth, the ground truth has the larger
+part, or the two share an error: sensor, map. Which of these it is, no variance can tell.
 
-Of two real estimators of one run each is 0.2 to 2.5 times as far from the ground truth as from the
-other, and in single stretches of a run up to 6 times, with no more than a 2.3-fold rise against the
-rest where the two agree.
+Of two real estimators of one run each is 1 to 2.6 times as far from the ground truth as from the
+other, and in single stretches of a run up to 5.6 times.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.comparison.common import Evaluated, Indices, pair_nearest
+from trajeval_ros.comparison.calibrated import Displacements, calibrated
+from trajeval_ros.comparison.common import Evaluated, pair_nearest
 from trajeval_ros.comparison.errors import steps
 
 Array = npt.NDArray[np.float64]
+Marks = npt.NDArray[np.bool_]
 
 _STRETCHES = 20
 _FEWEST_STRETCHES = 6
@@ -40,10 +42,19 @@ _SHORTEST, _LONGEST = 1.0, 5.0
 """Of a step, s: a stretch of the run, within these."""
 _AGREE = 8.0
 """So many times nearer to each other than to the ground truth: above what is usual."""
+_AGREE_BESIDE = 0.5 * _AGREE
+"""The same for a stretch beside one that is so: what is wrong does not show alike everywhere."""
 _RISE = 3.0
 """So many times farther from the ground truth than in the rest of the run, for a part of it."""
 _COPIES = 100.0
 """Beyond this two are one output, and say nothing of the ground truth."""
+_CANCELS = 1.0 / 3.0
+"""Two leaps whose sum is less than this share of the smaller one are there and back: of two random
+directions that are equally long one pair in forty is."""
+
+
+_CONSTANT, _TURNS = 1e-6, 0.2
+"""rad, by which orientations that never change differ at most, and those of a robot that turns."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,8 +64,8 @@ class Shared:
     Attributes:
         a: name.
         b: name.
-        begin: stamp of the first pose, ns, on the ground truth's clock.
-        end: of the last.
+        stretches: stamps of the first and the last pose of each, ns, on the ground truth's clock,
+            in the order of time; one, from the first pose to the last, for the whole run.
         whole: whether that is the whole run.
         step: what the displacements are over, s.
         from_truth: RMS difference of a displacement from the ground truth's, m; of the nearer one.
@@ -64,8 +75,7 @@ class Shared:
 
     a: str
     b: str
-    begin: int
-    end: int
+    stretches: tuple[tuple[int, int], ...]
     whole: bool
     step: float
     from_truth: float
@@ -94,13 +104,13 @@ def _of_pair(a: Evaluated, b: Evaluated) -> Shared | None:
     step = min(max(seconds / _STRETCHES, _SHORTEST), _LONGEST)
     begin, end = steps(a, step, "s")
     count = min(_STRETCHES, len(begin) // _FEWEST)
-    if count < _FEWEST_STRETCHES:
+    if count < _FEWEST_STRETCHES or _never_turns(a):
         return None
-    from_a, from_b = (_differences(each, begin, end) for each in (a, b))
-    errors = (from_a, from_b, from_a - from_b)
+    parts = np.array_split(np.arange(len(begin)), count)
+    moved_a, moved_b = (calibrated(each, begin, end, parts) for each in (a, b))
+    errors = (moved_a.errors, moved_b.errors, moved_a.errors - moved_b.errors)
     # Mean squares, m^2, of each difference over the run, and in each stretch of it.
     squares = np.array([(each**2).sum(axis=-1) for each in errors])
-    parts = np.array_split(np.arange(len(begin)), count)
     means = np.array([squares[:, part].mean(axis=1) for part in parts])
     total = squares.mean(axis=1)
     if total[2] * _COPIES**2 <= min(total[0], total[1]):
@@ -110,11 +120,11 @@ def _of_pair(a: Evaluated, b: Evaluated) -> Shared | None:
         return None
     inside = np.concatenate([parts[k] for k in np.flatnonzero(marked)])
     to_a, to_b, between = squares[:, inside].mean(axis=1).tolist()
+    rows = [(begin[parts[i][0]], end[parts[j - 1][-1]]) for i, j in _runs(marked)]
     return Shared(
         a.name,
         b.name,
-        int(a.stamps[begin[inside[0]]]),
-        int(a.stamps[end[inside[-1]]]),
+        tuple((int(a.stamps[i]), int(a.stamps[j])) for i, j in _joined(moved_a, rows)),
         bool(marked.all()),
         step,
         float(min(to_a, to_b) ** 0.5),
@@ -123,7 +133,16 @@ def _of_pair(a: Evaluated, b: Evaluated) -> Shared | None:
     )
 
 
-def _marked(means: Array, total: Array) -> npt.NDArray[np.bool_]:
+def _never_turns(evaluated: Evaluated) -> bool:
+    """Whether the ground truth has no orientation, or one that is written for lack of it."""
+    turned = [
+        float(np.linalg.norm(se3.log_so3(poses[0, :3, :3].T @ poses[:, :3, :3]), axis=-1).max())
+        for poses in (evaluated.ground_truth, evaluated.estimate)
+    ]
+    return turned[0] <= _CONSTANT and turned[1] >= _TURNS
+
+
+def _marked(means: Array, total: Array) -> Marks:
     """The stretches in which the two agree, and not with the ground truth.
 
     A part of the run stands out against the rest; a whole run has nothing to stand out against.
@@ -134,21 +153,43 @@ def _marked(means: Array, total: Array) -> npt.NDArray[np.bool_]:
         total: (3,) over the run.
     """
     nearer = means[:, :2].min(axis=1)
-    agree = nearer > _AGREE**2 * means[:, 2]
     # The lower quartile, so that a wrong half of the run does not hide itself.
-    usual = np.quantile(nearer, 0.25)
-    marked = agree & (nearer > _RISE**2 * usual)
+    far = nearer > _RISE**2 * np.quantile(nearer, 0.25)
+    agree, nearly = (nearer > least**2 * means[:, 2] for least in (_AGREE, _AGREE_BESIDE))
+    marked = np.zeros(len(means), dtype=bool)
+    for first, last in _runs(far & nearly):
+        marked[first:last] = agree[first:last].any()
     if marked.any():
-        return np.asarray(marked)
+        return marked
     whole = bool(total[:2].min() > _AGREE**2 * total[2]) and bool(agree.mean() > 0.5)
     return np.full(len(means), whole)
 
 
-def _differences(evaluated: Evaluated, begin: Indices, end: Indices) -> Array:
-    """How far each displacement is from the ground truth's, (K, 3), m, in the body's axes."""
-    moved, truth = (
-        se3.compose(se3.inverse(poses[begin]), poses[end])[:, :3, 3]
-        for poses in (evaluated.estimate, evaluated.ground_truth)
-    )
-    difference: Array = moved - truth
-    return difference
+def _runs(marked: Marks) -> list[tuple[int, int]]:
+    """First and one past the last of each row of marked stretches."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(int)))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+def _joined(moved: Displacements, groups: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Rows of poses, joined where the ground truth leaps at the first and back at the next.
+
+    Displacements between do not show that it is off, but it is.
+
+    Args:
+        moved: of one of the two estimates.
+        groups: the first and the last pose of each, in the order of time.
+    """
+    joined: list[tuple[int, int]] = []
+    leap: Array | None = None
+    for first, last in groups:
+        next_leap = moved.leap(first, last)
+        if leap is not None:
+            left = float(np.linalg.norm(leap + next_leap))
+            if left < _CANCELS * min(float(np.linalg.norm(each)) for each in (leap, next_leap)):
+                joined[-1] = joined[-1][0], last
+                leap = None
+                continue
+        joined.append((first, last))
+        leap = next_leap
+    return joined

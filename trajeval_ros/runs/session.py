@@ -217,11 +217,10 @@ class Session:
     def causes_of_all(self) -> tuple[Cause, ...]:
         """What is likely wrong by what several estimates have in common, if anything is."""
         none: tuple[Cause, ...] = ()
-        gauge = self.engine.settings.evaluation.gauge.name
         say = self._records[self.names[0]].report.say
         return shield(
             "the search for likely causes",
-            lambda: causes_of_all(alike_long(self._newest), gauge),
+            lambda: causes_of_all([one.evaluated() for one in self._newest]),
             none,
             say,
         )

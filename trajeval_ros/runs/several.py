@@ -36,20 +36,20 @@ def compared(
     return tuple(compare(a, b, gauge, delta, unit, method) for a, b in pairs)
 
 
-def causes_of_all(evaluated: Sequence[Evaluated], gauge: str = "se3") -> tuple[Cause, ...]:
-    """Return what is likely wrong by what the estimates have in common, if anything is.
-
-    Nothing where a scale is not known: estimates may well share that.
-    """
-    found = None if gauge == "sim3" else shared_error(evaluated)
+def causes_of_all(evaluated: Sequence[Evaluated]) -> tuple[Cause, ...]:
+    """Return what is likely wrong by what the estimates have in common, if anything is."""
+    found = shared_error(evaluated)
     if found is None:
         return ()
-    when = f"from {found.begin * 1e-9:.3f} s to {found.end * 1e-9:.3f} s"
+    when = " and ".join(
+        f"from {begin * 1e-9:.3f} s to {end * 1e-9:.3f} s" for begin, end in found.stretches
+    )
     text = (
         f"{'in the whole run' if found.whole else when} {found.a} and {found.b} agree with each"
         f" other to {_length(found.from_each_other)}, and neither comes nearer to the ground truth"
-        f" than {_length(found.from_truth)} (displacements over {found.step:.2g} s): the ground"
-        f" truth's are off by about {_length(found.truth_std)}, or they share an error"
+        f" than {_length(found.from_truth)} (displacements over {found.step:.2g} s, whatever scale,"
+        f" axes, lever arm and clock): the ground truth's are off by about"
+        f" {_length(found.truth_std)}, or they share an error"
     )
     advice = "see whether the ground truth's body, markers or solution changed" + (
         "" if found.whole else ", and leave that part out"
