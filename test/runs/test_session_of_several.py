@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from twins.runs import FIXED, SECOND, assert_same_summary, simulated
 
+from trajeval_ros.comparison.compare import read
+from trajeval_ros.comparison.words import sentence
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import ParameterError, complete
 from trajeval_ros.runs.session import Session
-from trajeval_ros.runs.several import NewestPoses, alike_long
+from trajeval_ros.runs.several import NewestPoses, newest_compared
 
 NAMES = ("vins", "orb")
 SOURCES = {"ground truth": "/ground_truth", "vins": "/vins", "orb": "/orb"}
@@ -122,12 +124,49 @@ def test_however_cut_the_newest_poses_are_kept(two, batch):
     assert kept.evaluated().stamps.tolist() == (sampled[-50:] + 5).tolist()
     assert kept.begin == sampled[-50] + 5
     assert whole.begin is None
-    # What one has forgotten is left out of the other.
-    _, other = alike_long([kept, whole])
-    assert other.stamps.tolist() == sampled[-49:].tolist()
     kept.clear()
     assert len(kept.evaluated()) == 0
     assert kept.begin is None
+
+
+def test_what_one_has_forgotten_is_left_out_of_its_pairs_alone_and_that_is_said(two):
+    engine = Engine(FIXED)
+    engine.add_ground_truth(two[0].ground_truth)
+    engine.add_estimate(two[0].estimate)
+    found = engine.finish().evaluations
+    fast, slow, other = (
+        NewestPoses("fast", 0, most=50),
+        NewestPoses("slow", 0),
+        NewestPoses("other", 0),
+    )
+    for kept in (fast, slow, other):
+        kept.add(found)
+    stamps = found.stamps[found.sampled]
+    pairs = newest_compared([fast, slow, other], engine.settings.evaluation, "block_t")
+    common = {(one.a, one.b): one.coverage for one in pairs}
+    # Not the whole of the slow one against the end of the fast one.
+    assert common["fast", "slow"].common.poses == 50
+    assert common["fast", "slow"].only_b.seconds == 0.0
+    assert common["slow", "other"].common.poses == len(stamps)
+    first, second, third = pairs
+    assert first.since == second.since == stamps[-50]
+    assert first.figures()["since_ns"] == stamps[-50]
+    assert f"from {stamps[-50] * 1e-9:.3f} s on" in sentence(first)
+    assert third.since is None
+    assert " s on" not in sentence(third)
+    assert read(first.figures()).since == stamps[-50]
+
+
+def test_a_defect_in_what_is_kept_to_compare_costs_no_figures(two, monkeypatch):
+    def broken(self, evaluations):
+        raise ZeroDivisionError("kept")
+
+    monkeypatch.setattr(NewestPoses, "add", broken)
+    run = session()
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.finish_all()
+    assert run.figures("vins")["estimate"]["evaluated"] > 100
+    assert any("kept" in line for line in run.defects)
 
 
 def test_a_run_of_any_length_is_compared_in_bounded_memory():

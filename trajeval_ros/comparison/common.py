@@ -62,8 +62,8 @@ class Evaluated:
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def __getitem__(self, index: Indices) -> Evaluated:
-        """The poses at ascending indices."""
+    def __getitem__(self, index: Indices | slice) -> Evaluated:
+        """The poses at ascending indices, or of a slice."""
         return Evaluated(
             self.name, self.stamps[index], self.ground_truth[index], self.estimate[index]
         )

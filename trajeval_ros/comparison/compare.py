@@ -34,6 +34,8 @@ class Comparison:
         ate_rotation: rad.
         re_translation: m.
         re_rotation: rad.
+        since: stamp, ns on the ground truth's clock, before which poses of one have been forgotten
+            and those of the other left out; None where none have.
     """
 
     a: str
@@ -43,6 +45,7 @@ class Comparison:
     ate_rotation: Ratio | None
     re_translation: Ratio | None
     re_rotation: Ratio | None
+    since: int | None = None
 
     def figures(self) -> dict[str, object]:
         """By name, as in ``summary.json``."""
@@ -58,6 +61,7 @@ class Comparison:
             "common": dataclasses.asdict(self.coverage.common),
             "only_a": dataclasses.asdict(self.coverage.only_a),
             "only_b": dataclasses.asdict(self.coverage.only_b),
+            "since_ns": self.since,
             **{name: None if r is None else r.figures() for name, r in ratios.items()},
         }
 
@@ -76,7 +80,7 @@ def read(figures: Mapping[str, Any]) -> Comparison:
         found = figures[name]
         ratios[name] = None if found is None else ratio_in(found, _UNITS[name.partition("_")[2]])
     covered = Coverage(*(Extent(**figures[part]) for part in ("common", "only_a", "only_b")))
-    return Comparison(figures["a"], figures["b"], covered, **ratios)
+    return Comparison(figures["a"], figures["b"], covered, **ratios, since=figures.get("since_ns"))
 
 
 def compare(

@@ -31,6 +31,8 @@ def sentence(comparison: Comparison) -> str:
     parts.append(_both(comparison, drifts, "drift", "drifts {} less"))
     parts.append(_both(comparison, errors, "ATE", "ATE is {} smaller"))
     parts.append(f"both cover {_seconds(covered.common.seconds)}")
+    if comparison.since is not None:
+        parts.append(f"from {comparison.since * 1e-9:.3f} s on, as older poses are not kept")
     return "; ".join(part for part in parts if part)
 
 

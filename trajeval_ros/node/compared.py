@@ -15,6 +15,7 @@ from trajeval_ros.node.estimate import SHARE, Estimate
 from trajeval_ros.node.outputs import Row, Table
 from trajeval_ros.runs.session import Session
 from trajeval_ros.runs.statuses import flatten_comparison
+from trajeval_ros.wall import shield
 
 _LONGEST_PERIOD = 60.0
 
@@ -46,6 +47,17 @@ class Compared:
             return
         if begin < self._next and not last:
             return
+        self._published = max(stamps)
+        shield(
+            "the publication of the comparison",
+            lambda: self._publish(max(stamps)),
+            None,
+            self._session.say,
+        )
+        cost = time.monotonic() - begin
+        self._next = begin + min(cost / SHARE, _LONGEST_PERIOD)
+
+    def _publish(self, stamp: int) -> None:
         causes = self._session.causes_of_all()
         for cause in causes:
             if cause.code not in self._said:
@@ -58,10 +70,7 @@ class Compared:
             }
             for cause in causes:
                 rows["ground truth"] = Row({}, cause.sentence, DiagnosticStatus.WARN)
-            self.table.publish(max(stamps), rows)
-        self._published = max(stamps)
-        cost = time.monotonic() - begin
-        self._next = begin + min(cost / SHARE, _LONGEST_PERIOD)
+            self.table.publish(stamp, rows)
 
     def reset(self) -> None:
         """A new run has begun."""

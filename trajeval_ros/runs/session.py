@@ -10,6 +10,7 @@ import os
 import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.record import Record
-from trajeval_ros.runs.several import NewestPoses, alike_long, causes_of_all, compared, together
+from trajeval_ros.runs.several import NewestPoses, causes_of_all, newest_compared, together
 from trajeval_ros.wall import shield
 
 _SUMMARY = "summary.json"
@@ -175,6 +176,10 @@ class Session:
         found = (line for record in self._records.values() for line in record.report.defects)
         return tuple(dict.fromkeys(found))
 
+    def say(self, defect: str) -> None:
+        """Remember what of what is said of all estimates has failed, in one line."""
+        self._records[self.names[0]].report.say(defect)
+
     def look_for_causes(self, *, again: bool = False) -> None:
         """Look at each run so far, if it has gone on since: 40 ms at the most, however long.
 
@@ -209,20 +214,19 @@ class Session:
         settings = self.engine.settings.evaluation
         return shield(
             "the comparison",
-            lambda: compared(alike_long(self._newest), settings, method),
+            lambda: newest_compared(self._newest, settings, method),
             (),
-            self._records[self.names[0]].report.say,
+            self.say,
         )
 
     def causes_of_all(self) -> tuple[Cause, ...]:
         """What is likely wrong by what several estimates have in common, if anything is."""
         none: tuple[Cause, ...] = ()
-        say = self._records[self.names[0]].report.say
         return shield(
             "the search for likely causes",
             lambda: causes_of_all([one.evaluated() for one in self._newest]),
             none,
-            say,
+            self.say,
         )
 
     def figures(self, name: str | None = None) -> dict[str, object]:
@@ -264,8 +268,9 @@ class Session:
         for name, results in found.items():
             offset = self.engine.settings.estimates[name].time_offset
             self._records[name].add(results, offset)
-        for newest, results in zip(self._newest, found.values(), strict=False):
-            newest.add(results.evaluations)
+        for name, newest in zip(found, self._newest, strict=False):
+            add = partial(newest.add, found[name].evaluations)
+            shield("keeping poses to compare", add, None, self._records[name].report.say)
         return found
 
     def save(self, *, last: bool = False) -> Path | None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -31,9 +31,33 @@ def compared(
 
     ``method``: where the intervals come from; the best that is installed where None.
     """
-    pairs = itertools.combinations(evaluated, 2)
+    return tuple(_pair(a, b, settings, method) for a, b in itertools.combinations(evaluated, 2))
+
+
+def newest_compared(
+    kept: Sequence[NewestPoses], settings: EvaluationSettings, method: Method | None = None
+) -> tuple[Comparison, ...]:
+    """Return the comparison of each pair, from where on no pose of either has been forgotten."""
+    found = []
+    for one, other in itertools.combinations(kept, 2):
+        begins = [each.begin for each in (one, other) if each.begin is not None]
+        since = max(begins, default=None)
+        a, b = (_from(each.evaluated(), since) for each in (one, other))
+        found.append(replace(_pair(a, b, settings, method), since=since))
+    return tuple(found)
+
+
+def _pair(
+    a: Evaluated, b: Evaluated, settings: EvaluationSettings, method: Method | None
+) -> Comparison:
     gauge, delta, unit = settings.gauge.name, settings.relative_delta, settings.relative_unit
-    return tuple(compare(a, b, gauge, delta, unit, method) for a, b in pairs)
+    return compare(a, b, gauge, delta, unit, method)
+
+
+def _from(evaluated: Evaluated, since: int | None) -> Evaluated:
+    if since is None:
+        return evaluated
+    return evaluated[int(np.searchsorted(evaluated.stamps, since)) :]
 
 
 def causes_of_all(evaluated: Sequence[Evaluated]) -> tuple[Cause, ...]:
@@ -137,16 +161,6 @@ class NewestPoses:
         """Stamp (ns) before which poses have been forgotten; None where none have."""
         newest = self._join()
         return int(newest.stamps[0]) if self._forgotten else None
-
-
-def alike_long(kept: Sequence[NewestPoses]) -> tuple[Evaluated, ...]:
-    """Return the poses from where on none have been forgotten of any estimate."""
-    begins = [one.begin for one in kept]
-    begin = max((begin for begin in begins if begin is not None), default=None)
-    poses = (one.evaluated() for one in kept)
-    if begin is None:
-        return tuple(poses)
-    return tuple(one[np.flatnonzero(one.stamps >= begin)] for one in poses)
 
 
 _NONE = np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), np.empty((0, 4, 4))
