@@ -12,6 +12,8 @@ EXPLANATIONS = {
     "origin_jump": "jumps no body makes, from where the poses go on: a moved origin, or time lost",
     "frozen": "samples that repeat the one before while the body moves on, left out",
     "stamp_bursts": "samples stamped close together after a late one: stamps of their arrival",
+    "stamps_late": "samples of a regular clock stamped late",
+    "stamps_quantised": "stamps rounded",
     "noise_grows": "seconds with noise several times that at the beginning",
 }
 """Each fault's code and what it counts."""
@@ -23,12 +25,16 @@ _BURSTS, _BURST_SHARE = 10, 0.01
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Faults of one kind: ``code`` of :data:`EXPLANATIONS`, from ``begin`` to ``end`` (ns)."""
+    """Faults of one kind: ``code`` of :data:`EXPLANATIONS`, from ``begin`` to ``end`` (ns).
+
+    ``detail``: how large it is, in words.
+    """
 
     code: str
     begin: int
     end: int
     count: int
+    detail: str = ""
 
     @property
     def text(self) -> str:
@@ -39,7 +45,8 @@ class Fault:
             explained = f"{plural.removesuffix('s')} {rest}".replace(
                 "that repeat ", "that repeats "
             )
-        return f"{self.count} {explained}"
+        detail = f" ({self.detail})" if self.detail else ""
+        return f"{self.count} {explained}{detail}"
 
     def and_then(self, begin: int, end: int, count: int) -> Fault:
         """With later ones."""

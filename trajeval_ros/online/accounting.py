@@ -87,6 +87,10 @@ class Account:
         """By reason, the place of the first rejected pose in the order of arrival, from 0."""
         return {str(reason): place for reason, place in self._first.items()}
 
+    def count(self, reason: Reason) -> int:
+        """Poses rejected for a reason."""
+        return self._rejected[reason]
+
     @property
     def rejected_total(self) -> int:
         """All rejected poses."""

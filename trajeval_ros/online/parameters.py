@@ -271,8 +271,9 @@ _TABLE = (
     Parameter(
         "ground_truth.stamps",
         "measured",
-        "Whether the ground truth's stamps are measured, their noise to be learned, or exact",
-        choices=("measured", "exact"),
+        "Whether the ground truth's stamps are measured, their noise to be learned, or exact; "
+        "regularize takes the regular clock's behind stamps that were set late",
+        choices=("measured", "exact", "regularize"),
     ),
     Parameter(
         "gp.kernel",

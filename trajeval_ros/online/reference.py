@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.faults import Fault, Faults
+from trajeval_ros.ground_truth.faults import EXPLANATIONS, Fault, Faults
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.screen import Screen, Screened
 from trajeval_ros.ground_truth.segment import Samples
+from trajeval_ros.ground_truth.stamping import Stamping
 from trajeval_ros.ground_truth.trajectory import GroundTruth
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.coverage import Odometer, Presence
@@ -35,18 +36,20 @@ class Reference:
         """Start without samples."""
         self._learned = settings.learned
         self._intake = Intake(settings.use_covariance)
-        self.faults = Faults()
+        self._faults = Faults()
+        self._stamping = Stamping(settings.regularize_stamps)
         process = settings.process
-        self._screen = Screen((process.translation_std, process.rotation_std), self.faults)
-        self.ground_truth = GroundTruth(process, self.faults)
+        self._screen = Screen((process.translation_std, process.rotation_std), self._faults)
+        self.ground_truth = GroundTruth(process, self._faults)
         self.odometer = Odometer(process.translation_std)
         self.presence = Presence()
         self._fresh: list[Samples] = []
 
     @property
     def known(self) -> Stamps:
-        """Stamps of the retained samples and, after them, of those that are still screened."""
-        return np.concatenate([self.ground_truth.stamps, self._screen.held])
+        """Stamps of the retained samples and, after them, of those that are held back."""
+        held = self._screen.held, self._stamping.held
+        return np.concatenate([self.ground_truth.stamps, *held])
 
     @property
     def is_ready(self) -> bool:
@@ -61,16 +64,22 @@ class Reference:
     def confirm(self, now: int) -> None:
         """Let in the sample held back if its stamp is not after ``now`` (ns)."""
         self._append(self._intake.confirm(now))
+        self._append_stamped(self._stamping.confirm(now))
 
     def conclude(self) -> None:
         """No more samples will come."""
         self._append(self._intake.conclude())
+        self._append_stamped(self._stamping.conclude())
         self._append_screened(self._screen.conclude())
         self.ground_truth.conclude()
 
     def _append(self, accepted: Accepted) -> None:
         if len(accepted.stamps):
             samples = Samples(accepted.stamps, accepted.poses, accepted.covariances)
+            self._append_stamped(self._stamping.accept(samples))
+
+    def _append_stamped(self, samples: Samples) -> None:
+        if len(samples):
             self._append_screened(self._screen.accept(samples))
 
     def _append_screened(self, screened: Screened) -> None:
@@ -101,6 +110,17 @@ class Reference:
             )
         return tuple(found)
 
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """What is wrong with the ground truth, in the order of :data:`EXPLANATIONS`."""
+        account, fit = self._intake.account, self.ground_truth.fit
+        repeated = account.count(Reason.DUPLICATE_STAMP) / max(account.received, 1)
+        of_stamps = self._stamping.faults(0.0 if fit is None else fit.stamp_std, repeated)
+        found = {fault.code: fault for fault in (*self._faults.found, *of_stamps)}
+        if self._stamping.is_right:
+            found.pop("stamp_bursts", None)
+        return tuple(found[code] for code in EXPLANATIONS if code in found)
+
     def faulty(self) -> tuple[Notice, ...]:
         """What is wrong with the ground truth."""
         return tuple(
@@ -109,12 +129,13 @@ class Reference:
                 f"{_OF_GROUND_TRUTH}{fault.code}",
                 f"ground truth: {fault.text} ({_when(fault)})",
             )
-            for fault in self.faults.found
+            for fault in self.faults
         )
 
     def health(self) -> TopicHealth:
         """Return the topic's account."""
-        account, held = self._intake.account, self._intake.held + len(self._screen.held)
+        account = self._intake.account
+        held = self._intake.held + len(self._stamping.held) + len(self._screen.held)
         used = account.received - account.rejected_total - held
         return self._intake.health(used, held)
 

@@ -14,6 +14,7 @@ from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import GAUGES, Gauge
 from trajeval_ros.conventional.step_pairs import STEP_UNITS, StepUnit
 from trajeval_ros.ground_truth import trajectory
+from trajeval_ros.ground_truth.clock import LOOK_AHEAD
 from trajeval_ros.ground_truth.hyperparameters import (
     FURTHER_COMPONENTS,
     Component,
@@ -75,11 +76,15 @@ class EvaluationSettings:
 
 @dataclass(frozen=True, slots=True)
 class GroundTruthSettings:
-    """``process``: the model's; ``learned``: whether its hyperparameters are found in the data."""
+    """``process``: the model's; ``learned``: whether its hyperparameters are found in the data.
+
+    ``regularize_stamps``: late stamps of a regular clock are replaced by the clock's.
+    """
 
     process: trajectory.Settings
     use_covariance: bool
     learned: bool
+    regularize_stamps: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,16 +100,19 @@ class Settings:
 def settings_of(values: Mapping[str, Value], names: Sequence[str] = ONE) -> Settings:
     """Return the settings that parameters say; ``values`` as of `parameters.complete`."""
     read = _Reader(values)
+    regularize = read.text("ground_truth.stamps") == "regularize"
     return Settings(
         ground_truth=GroundTruthSettings(
             process=_process(read),
             use_covariance=read.flag("ground_truth.use_covariance"),
             learned=read.text("gp.hyperparameters") == "auto",
+            regularize_stamps=regularize,
         ),
         timing=Timing(
             lag=read.nanoseconds("ground_truth.lag"),
             max_gap=read.nanoseconds("ground_truth.max_gap"),
-            max_wait=read.nanoseconds("max_wait"),
+            # The stamps that come after one tell what it is taken for.
+            max_wait=read.nanoseconds("max_wait") + (LOOK_AHEAD if regularize else 0),
         ),
         evaluation=EvaluationSettings(
             gauge=next(g for n, g in GAUGES.items() if n == read.text("gauge")),

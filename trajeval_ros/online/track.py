@@ -459,7 +459,7 @@ class Track:
             self._ground_truth.hyperparameters,
             self._ground_truth.segments,
             self._evaluation.consistency,
-            self._reference.faults.found,
+            self._reference.faults,
             self._ground_truth.fit,
         )
 

@@ -1,0 +1,64 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps that are only as fine as the ticks of a coarse clock: whole seconds, hundredths."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Stamps = npt.NDArray[np.int64]
+
+SECOND = 1_000_000_000
+# What clocks tick at, ns: seconds and their parts, schedulers' ticks of 1/64, 1/100 and 1/250 s. A
+# millisecond is as fine as stamps need to be.
+_TICKS = tuple(
+    round(SECOND * tick)
+    for tick in (1.0, 0.5, 0.25, 0.2, 0.1, 0.05, 0.04, 0.025, 0.02, 1 / 64, 0.01, 0.005, 0.004)
+)
+# A stamp is on a tick to so much (ns): seconds since 1970 in 64 bits, and what was printed.
+_EXACTLY = 2_000
+# Ticks matter where they are no less than this share of the usual interval.
+_MATTERS = 0.05
+# So large a share of the intervals are no whole multiples of the usual one ...
+_UNEVEN = 0.1
+# ... or so large a share are unlike it, while all stamps are within so many ticks of even ones.
+_UNLIKE, _EVENLY = 0.05, 1.3
+
+
+def resolution(stamps: Stamps) -> int:
+    """The coarsest ticks (ns) that all ``stamps`` (n,) are on; 0 for ticks that do not matter."""
+    since = stamps - stamps[0]
+    usual = float(np.median(np.diff(stamps)))
+    for tick in _TICKS:
+        if tick < _MATTERS * usual:
+            break
+        off = (since + tick // 2) % tick - tick // 2
+        if (np.abs(off) <= _EXACTLY).all():
+            return tick
+    return 0
+
+
+def quantised(stamps: Stamps) -> int:
+    """The ticks (ns) that ``stamps`` (n,) were rounded to, by their intervals; 0 for none.
+
+    Samples that are whole ticks apart, some of them missing, do not show it.
+    """
+    tick = resolution(stamps)
+    if not tick:
+        return 0
+    steps = np.rint(np.diff(stamps) / tick).astype(np.int64)
+    usual = max(int(np.median(steps)), 1)
+    if (steps % usual != 0).mean() >= _UNEVEN:
+        return tick
+    if (steps != usual).mean() < _UNLIKE:
+        return 0
+    index = np.arange(len(stamps))
+    since = stamps - stamps[0]
+    off = since - np.polyval(np.polyfit(index, since, 1), index)
+    return tick if float(np.ptp(off)) <= _EVENLY * tick else 0
+
+
+def whole_seconds(stamps: Stamps) -> bool:
+    """Whether all ``stamps`` (n,) are whole seconds."""
+    return bool((stamps % SECOND == 0).all())
