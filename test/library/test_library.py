@@ -17,6 +17,8 @@ import pytest
 import trajeval_ros as te
 from trajeval_ros.commands import evaluate as command
 from trajeval_ros.commands.simulate import write_files
+from trajeval_ros.commands.simulation import motion
+from trajeval_ros.runs import several
 
 ROOT = Path(__file__).resolve().parents[2]
 HOMES = sorted({f"trajeval_ros.{home}" for home in te._HOMES.values() if "library" in home})
@@ -180,6 +182,38 @@ def test_two_are_compared(run: tuple[te.Trajectory, te.Trajectory], result: te.R
     assert "good's translation drifts" in both.sentences[0]
     with pytest.raises(ValueError, match="no estimate"):
         te.evaluate(truth, {})
+
+
+def test_a_ground_truth_that_two_agree_against_is_a_cause_of_all() -> None:
+    time = np.arange(0.0, 60.0, 0.1)
+    poses = motion(time)
+    wrong = poses.copy()
+    moved = np.eye(4)
+    moved[0, 3] = 0.5
+    wrong[300:420] = wrong[300:420] @ moved
+    rng = np.random.default_rng(3)
+    estimates = {}
+    for name in ("one", "other"):
+        noisy = poses[5:-5].copy()
+        noisy[:, :3, 3] += rng.normal(scale=0.005, size=(len(noisy), 3))
+        estimates[name] = te.Trajectory(time[5:-5], noisy)
+    both = te.evaluate(te.Trajectory(time, wrong), estimates)
+    (cause,) = both.causes
+    assert cause.code == "ground_truth_or_shared"
+    assert "one and other agree" in cause.text
+    assert "one and other agree" in both._repr_html_()
+    assert both.defects == ()
+
+
+def test_a_defect_of_the_comparison_costs_no_figures(
+    run: tuple[te.Trajectory, te.Trajectory], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(several, "compare", lambda *arguments: 1 / 0)
+    both = te.evaluate(run[0], {"one": run[1], "other": run[1]})
+    assert both["one"].summary["conventional"]["ate_translation_rmse"] > 0.0
+    assert both.comparison == ()
+    (line,) = both.defects
+    assert "the comparison failed: ZeroDivisionError" in line
 
 
 def test_the_report_is_written_and_shown_inline(result: te.Result, tmp_path: Path) -> None:

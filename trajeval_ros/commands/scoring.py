@@ -31,14 +31,13 @@ from trajeval_ros.files.output import (
 )
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
-from trajeval_ros.online.settings import settings_of
+from trajeval_ros.online.settings import Settings, settings_of
 from trajeval_ros.report import Report, answers
 from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
-from trajeval_ros.runs.position_only import comparisons_on_positions
 from trajeval_ros.runs.recording import Recorded
-from trajeval_ros.runs.several import causes_of_all, compared, together
+from trajeval_ros.runs.several import looked_at_together, together
 from trajeval_ros.wall import shield
 
 
@@ -76,7 +75,6 @@ def score(
     first pose of each is laid on the ground truth's, and nothing else is aligned. With several
     estimates, each has a folder of its name in ``output``, and the summary of all lies beside them.
     """
-    failures: list[str] = []
     before: Mapping[str, Scored] = {}
     if apply:
         before = _found(data, parameters, _records(data, parameters))
@@ -85,6 +83,7 @@ def score(
         parameters = {**parameters, "gauge": "none"}
         first = _found(data, parameters, _records(data, parameters))
         data = _aligned_at_the_origin(data, parameters, first)
+    settings = settings_of(parameters, data.names)
     with contextlib.ExitStack() as stack:
         runs = {
             name: _Run(name, data, parameters, _place(data, output, name), stack)
@@ -99,30 +98,11 @@ def score(
             name: _with_arguments(one, given)
             for name, one in _found(data, parameters, scorings).items()
         }
-        for name, run in runs.items():
-            try:
-                _require_poses(found[name], scorings[name].estimate)
-            except CommandError as error:
-                # One of several costs itself alone.
-                if len(runs) == 1:
-                    raise
-                failures.append(str(error))
-            run.write(found[name])
-        summaries = {name: one.summary for name, one in found.items()}
-        comparisons: tuple[Comparison, ...] = ()
-        shared: tuple[Cause, ...] = ()
-        (summary, *_) = summaries.values()
-        if len(runs) > 1:
-            comparisons, shared = _compared(found, summaries, parameters, failures)
-            summary = together(summaries, comparisons, shared)
-            if output:
-                try:
-                    write_summary(Path(output).expanduser(), summary)
-                except OutputError as error:
-                    failures += error.lines
+        failures = _write(runs, found)
+    everything = _together(found, settings, output)
     exports = exports or Exports()
-    exports.write(Finished(data, parameters, scorings, found, comparisons, recorded))
-    failures += exports.failures
+    exports.write(Finished(data, parameters, scorings, found, everything.comparisons, recorded))
+    failures += [*everything.failures, *exports.failures]
     for remark in data.remarks:
         print(f"info: {remark}")
     for number, (name, run) in enumerate(runs.items()):
@@ -130,49 +110,71 @@ def score(
             print()
         run.say(found[name], before.get(name), apply)
         failures += dict.fromkeys(run.failures.values())
-    if comparisons:
-        print("\nCompared, each with each\n")
-        print("\n".join(figures.side_by_side(summaries)) + "\n")
-        print("\n".join(f"{sentence(comparison)}." for comparison in comparisons))
-        print("".join(f"\n{cause.sentence}\n" for cause in shared), end="")
-    if len(runs) > 1 and output:
-        print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
+    everything.say(found, output)
     for line in exports.written:
         print(f"\n{line}")
-    settings = settings_of(parameters, data.names)
     judgements = {
         name: judge(name, earlier, found[name], settings)
         for name, earlier in baselines.items()
         if len(found[name].stamps)
     }
-    return Outcome(summary, found, tuple(dict.fromkeys(failures)), judgements)
+    return Outcome(everything.summary, found, tuple(dict.fromkeys(failures)), judgements)
 
 
-def _compared(
-    found: Mapping[str, Scored],
-    summaries: Mapping[str, Mapping[str, Any]],
-    parameters: Mapping[str, Value],
-    failures: list[str],
-) -> tuple[tuple[Comparison, ...], tuple[Cause, ...]]:
-    """Compare each pair, and look for what they have in common; ``failures`` gets the defects."""
+def _write(runs: Mapping[str, _Run], found: Mapping[str, Scored]) -> list[str]:
+    """Write each one's folder; return why one of several has no poses to be evaluated."""
+    failures = []
+    for name, run in runs.items():
+        try:
+            _require_poses(found[name], run.scoring.estimate)
+        except CommandError as error:
+            # One of several costs itself alone.
+            if len(runs) == 1:
+                raise
+            failures.append(str(error))
+        run.write(found[name])
+    return failures
+
+
+@dataclass(frozen=True)
+class _Together:
+    """The summary of all, of one that is its own; what is said of several; what has failed."""
+
+    summary: Mapping[str, Any]
+    comparisons: tuple[Comparison, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    failures: tuple[str, ...] = ()
+
+    def say(self, found: Mapping[str, Scored], output: str) -> None:
+        """Print what there is to say of several."""
+        if self.comparisons:
+            print("\nCompared, each with each\n")
+            summaries = {name: one.summary for name, one in found.items()}
+            print("\n".join(figures.side_by_side(summaries)) + "\n")
+            print("\n".join(f"{sentence(comparison)}." for comparison in self.comparisons))
+            print("".join(f"\n{cause.sentence}\n" for cause in self.causes), end="")
+        if len(found) > 1 and output:
+            print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
+
+
+def _together(found: Mapping[str, Scored], settings: Settings, output: str) -> _Together:
+    """Compare several, and write the summary of all."""
+    summaries = {name: one.summary for name, one in found.items()}
+    if len(found) == 1:
+        (summary,) = summaries.values()
+        return _Together(summary)
+    failures: list[str] = []
     evaluated = {name: one.evaluated for name, one in found.items()}
-    settings = settings_of(parameters, tuple(found)).evaluation
-    no_comparisons: tuple[Comparison, ...] = ()
-    no_causes: tuple[Cause, ...] = ()
-    comparisons = shield(
-        "the comparison",
-        lambda: comparisons_on_positions(compared(evaluated.values(), settings), summaries),
-        no_comparisons,
-        failures.append,
+    comparisons, causes = looked_at_together(
+        evaluated, summaries, settings.evaluation, failures.append
     )
-    turning = [one for name, one in evaluated.items() if not summaries[name].get("position_only")]
-    shared = shield(
-        "the search for likely causes",
-        lambda: causes_of_all(turning),
-        no_causes,
-        failures.append,
-    )
-    return comparisons, shared
+    summary = together(summaries, comparisons, causes)
+    if output:
+        try:
+            write_summary(Path(output).expanduser(), summary)
+        except OutputError as error:
+            failures += error.lines
+    return _Together(summary, comparisons, causes, tuple(failures))
 
 
 def _with_arguments(scored: Scored, given: Sequence[str]) -> Scored:

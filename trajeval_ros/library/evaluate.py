@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, overload
 
-from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.provenance import described
 from trajeval_ros.files.span import Instant, cut_all, span_of
@@ -19,8 +18,7 @@ from trajeval_ros.online.feed import feed_evenly
 from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.report import Report
 from trajeval_ros.runs.offline import WholeRun, completed, why_none
-from trajeval_ros.runs.position_only import comparisons_on_positions
-from trajeval_ros.runs.several import compared
+from trajeval_ros.runs.several import looked_at_together
 
 # Points of the report's running figures.
 _PIECES = 120
@@ -62,7 +60,8 @@ def evaluate(
     ``start`` and ``end`` leave out what comes before and after: seconds since the ground truth's
     first pose; or stamps, s or ns, from 1e8 on. What is left out is counted as ``cut``.
 
-    Returns a :class:`Result`; of several, :class:`Results`: a dict of them with ``.comparison``.
+    Returns a :class:`Result`; of several, :class:`Results`: a dict of them with ``.comparison``,
+    and ``.causes`` of what they have in common.
     Names are of small letters, digits and underscores.
 
     Raises :class:`ValueError` for a setting that is unknown or out of range, for a name that cannot
@@ -82,11 +81,10 @@ def evaluate(
     """
     if isinstance(estimate, Trajectory):
         one = {ONE[0]: estimate}
-        return _evaluate(ground_truth, one, settings, start, end)[0][ONE[0]]
+        return _evaluate(ground_truth, one, settings, start, end)[ONE[0]]
     if not estimate:
         raise ValueError("no estimate is given")
-    results, comparison = _evaluate(ground_truth, dict(estimate), settings, start, end)
-    return Results(results, comparison)
+    return _evaluate(ground_truth, dict(estimate), settings, start, end)
 
 
 def _evaluate(
@@ -95,7 +93,7 @@ def _evaluate(
     settings: Mapping[str, object],
     start: float | None,
     end: float | None,
-) -> tuple[dict[str, Result], list[Comparison]]:
+) -> Results:
     names = tuple(estimates)
     parameters = parameters_of(settings, names)
     whole = parameters["likelihood.covariance"] != "joint"
@@ -119,12 +117,15 @@ def _evaluate(
         name: _result(engine, name, truth, one, kept[name], records[name], source, whole)
         for name, one in estimates.items()
     }
-    evaluated = [
-        kept[name].known(name, engine.settings.estimates[name].time_offset) for name in names
-    ]
+    evaluated = {
+        name: kept[name].known(name, engine.settings.estimates[name].time_offset) for name in names
+    }
     summaries = {name: one.summary for name, one in found_of.items()}
-    comparisons = compared(evaluated, engine.settings.evaluation)
-    return found_of, list(comparisons_on_positions(comparisons, summaries))
+    defects: list[str] = []
+    comparisons, causes = looked_at_together(
+        evaluated, summaries, engine.settings.evaluation, defects.append
+    )
+    return Results(found_of, comparisons, causes, defects)
 
 
 def _cut(

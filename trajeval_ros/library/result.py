@@ -166,13 +166,28 @@ class Result:
 
 
 class Results(dict[str, Result]):
-    """Results by name, and ``comparison``: one :class:`Comparison` for each pair of them."""
+    """Results by name, and what there is to say of all of them.
+
+    ``comparison``: one :class:`Comparison` for each pair; ``causes``: what is likely wrong by what
+    they have in common, with evidence and advice; ``defects``: a line for each of these two that
+    failed, while the results hold.
+    """
 
     comparison: tuple[Comparison, ...]
+    causes: tuple[Cause, ...]
+    defects: tuple[str, ...]
 
-    def __init__(self, results: Mapping[str, Result], comparison: Sequence[Comparison]) -> None:
+    def __init__(
+        self,
+        results: Mapping[str, Result],
+        comparison: Sequence[Comparison],
+        causes: Sequence[Cause] = (),
+        defects: Sequence[str] = (),
+    ) -> None:
         super().__init__(results)
         self.comparison = tuple(comparison)
+        self.causes = tuple(causes)
+        self.defects = tuple(defects)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -180,7 +195,9 @@ class Results(dict[str, Result]):
         return tuple(f"{sentence(one)}." for one in self.comparison)
 
     def _repr_html_(self) -> str:
-        said = "".join(f"<li>{html.escape(line)}</li>" for line in self.sentences)
+        causes = (cause.sentence for cause in self.causes)
+        lines = (*self.sentences, *causes, *self.defects)
+        said = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
         return f"<ul>{said}</ul>" + "".join(
             f"<h3>{html.escape(name)}</h3>{result._repr_html_()}" for name, result in self.items()
         )

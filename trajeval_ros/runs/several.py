@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -17,6 +17,8 @@ from trajeval_ros.comparison.ratio import Method
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
+from trajeval_ros.runs.position_only import comparisons_on_positions
+from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
 
@@ -83,6 +85,29 @@ def causes_of_all(evaluated: Sequence[Evaluated]) -> tuple[Cause, ...]:
 
 def _length(metres: float) -> str:
     return f"{metres:.3g} m" if metres >= 0.1 else f"{100.0 * metres:.2g} cm"
+
+
+def looked_at_together(
+    evaluated: Mapping[str, Evaluated],
+    summaries: Mapping[str, Mapping[str, Any]],
+    settings: EvaluationSettings,
+    say: Callable[[str], None],
+) -> tuple[tuple[Comparison, ...], tuple[Cause, ...]]:
+    """Compare each pair of whole runs, and look for what they have in common.
+
+    ``say`` gets a line for a defect of either, which costs no figures.
+    """
+    no_comparisons: tuple[Comparison, ...] = ()
+    no_causes: tuple[Cause, ...] = ()
+    comparisons = shield(
+        "the comparison",
+        lambda: comparisons_on_positions(compared(evaluated.values(), settings), summaries),
+        no_comparisons,
+        say,
+    )
+    turning = [one for name, one in evaluated.items() if not summaries[name].get("position_only")]
+    causes = shield("the search for likely causes", lambda: causes_of_all(turning), no_causes, say)
+    return comparisons, causes
 
 
 def together(
