@@ -240,7 +240,8 @@ def table(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
         if found is None:
             continue
         said = dict(answers.sentences(named(found)))
-        jitter, kind = said["Error"].removeprefix("jitter ").split("; ", 1)
+        jitter, kind = said["Kind of error"].removeprefix("jitter ").split(";\n", 1)
+        kind = kind.replace("\n", " ")
         nats = ", ".join(f"{found.alternatives[each]:.2f}" for each in Kind)
         white = ", ".join(f"{part:.2f}" for part in np.abs(found.whiteness).max(axis=1))
         gain = found.nats_per_pose - found.uncorrected / found.poses

@@ -17,6 +17,7 @@ from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.report.answers import first_lines
 
 
 def test_errors_become_one_line_and_a_code(capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,14 +162,16 @@ def summary_of(gauge: str) -> list[str]:
         assert isinstance(part, dict)
         part["chi2"] = 1.234567e14
         part["log_likelihood"] = -6.1e13
-    return summary_lines(summary, complete({"gauge": gauge}))
+    parameters = complete({"gauge": gauge})
+    return [*first_lines(summary, parameters), *summary_lines(summary, parameters)]
 
 
 @pytest.mark.parametrize("gauge", ["se3", "sim3", "yaw_translation"])
 def test_the_summary_fits_a_terminal_of_80_columns_and_names_each_row_once(gauge: str) -> None:
     lines = summary_of(gauge)
     assert max(map(len, lines)) <= 80
-    assert any(line.startswith("Coverage      100 % of 20 s, 100 % of ") for line in lines)
+    assert lines[0].startswith("How good      ATE (")
+    assert any(line.startswith("              over 100 % of 20 s, 100 % of ") for line in lines)
     names = [line.split("  ")[0] for line in lines if line.strip() and not line.startswith(" ")]
     assert len(set(names)) == len(names)
     assert ("Scale of the estimate" in "\n".join(lines)) == (gauge == "sim3")

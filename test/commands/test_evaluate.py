@@ -492,8 +492,11 @@ def test_the_clock_that_was_set_wrongly_is_found_and_applied(
     found = evaluate(*wrong, "--output", tmp_path / "wrong")
     assert found.returncode == 0, found.stderr
     lines = found.stdout.splitlines()
-    assert lines[2].startswith("Error         jitter ")
-    assert lines[3].startswith("Not its fault clock -")
+    assert lines[2].startswith("How good      ATE (aligned by se3) ")
+    kind = next(i for i, line in enumerate(lines) if line.startswith("Kind of error jitter "))
+    fault = next(i for i, line in enumerate(lines) if line.startswith("Not its fault clock -"))
+    assert kind < fault
+    assert lines[fault + 1].startswith("              Without: ATE ")
     model = json.loads((tmp_path / "wrong" / "summary.json").read_text())["error_model"]
     clock = model["clock_offset"]
     assert abs(clock["value"] + 0.02) < 4.0 * clock["std"]

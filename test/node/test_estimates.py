@@ -31,7 +31,7 @@ STDS = (0.01, 0.02, 0.01)
 DURATION = 16.0
 # What only `evaluate`, which has all poses, can say; and what differs between topics and files.
 OF_FILES = (
-    *("error_model", "log_likelihood_nonlinear", "drift", "likely_causes"),
+    *("error_model", "log_likelihood_nonlinear", "drift", "headline", "likely_causes"),
     *("version", "inputs", "parameters"),
 )
 

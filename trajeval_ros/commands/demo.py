@@ -209,6 +209,7 @@ def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
     from trajeval_ros.comparison.compare import read
     from trajeval_ros.comparison.words import sentence
     from trajeval_ros.online.parameters import complete
+    from trajeval_ros.report import answers
 
     path = output / "summary.json"
     try:
@@ -219,7 +220,9 @@ def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
     estimates = summary.get("estimates")
     if estimates is None:
         received["estimate"] = summary["estimate"]["received"]
-        print("\n".join(figures.summary_lines(summary, complete({}))))
+        parameters = complete({})
+        lines = answers.first_lines(summary, parameters)
+        print("\n".join([*lines, "", *figures.summary_lines(summary, parameters)]))
     else:
         received |= {name: one["estimate"]["received"] for name, one in estimates.items()}
         print("\n".join(figures.side_by_side(estimates)) + "\n")

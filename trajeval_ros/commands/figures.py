@@ -99,18 +99,11 @@ def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
 
     What a line says of the run has its name from what it is: no two lines share one.
     """
-    # Only now: this module is read before it is known whether there is anything to report.
-    from trajeval_ros.report import covered
-
     truth = summary["ground_truth"]
     lines = [
         f"Estimate      {account(summary['estimate'], 'evaluated')}",
         f"Ground truth  {account(truth, 'used')}; {truth['segments']:,} segments",
     ]
-    if summary.get("coverage"):
-        lines.append(f"Coverage      {covered.of_the_run(summary['coverage'])}")
-        lost = covered.losses(summary["coverage"])
-        lines += [f"              {lost}"] if lost else []
     lines += ["", *_errors(summary, parameters), "", *_likelihoods(summary, parameters)]
     return lines
 

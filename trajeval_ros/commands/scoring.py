@@ -311,7 +311,7 @@ class _Run:
         )
         if share is not None:
             print(f"warning: {share}\n")
-        lines = answers.error_model_lines(scored.summary.get("error_model"))
+        lines = answers.first_lines(scored.summary, self._parameters)
         earlier = None if before is None else before.summary
         lines += answers.applied_lines(earlier, scored.summary, tuple(applied))
         print("\n".join([*console.wrapped(lines, 14), ""] if lines else []))

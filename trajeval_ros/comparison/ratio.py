@@ -52,7 +52,7 @@ BINS = 128
 no more than 3 sqrt(n), may be a quarter of the run."""
 BLOCKS = 10
 """Blocks of `block_t`, as Ibragimov and Müller advise: few, so that they are independent."""
-_FEWEST = 20
+FEWEST = 20
 _REPLICATES = 1000
 # Dickey and Fuller's 1 % is -3.43. Squares of an aligned walk reject more often than a walk does,
 # in 17 % of runs; below this, 5 to 9 %, of which half come out different. Of noise that is
@@ -161,7 +161,7 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
     plain = Ratio(rmse_a, rmse_b, unit, len(a), ratio)
     if ratio is None or ratio == 0.0:
         return dataclasses.replace(plain, reason=Reason.ZERO)
-    if len(a) < _FEWEST:
+    if len(a) < FEWEST:
         return dataclasses.replace(plain, reason=Reason.TOO_FEW)
     edges = np.linspace(0, len(a), min(BINS, len(a)) + 1).astype(int)[:-1]
     sums_a, sums_b = np.add.reduceat(squares_a, edges), np.add.reduceat(squares_b, edges)
@@ -170,12 +170,12 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
     if np.abs(linear).max() <= _ALIKE:
         # One is a multiple of the other: nothing is left to chance.
         std, dof = 0.0, float(len(linear))
-    elif _may_be_a_walk(linear):
+    elif may_be_a_walk(linear):
         return dataclasses.replace(plain, reason=Reason.ONE_WALK)
     elif method == "stationary_bootstrap":
         std, dof = _bootstrap(sums_a, sums_b, linear, seed)
     else:
-        std, dof = _block_t(linear)
+        std, dof = block_t(linear)
     log_ratio = float(np.log(ratio))
     half = float(stdtrit(dof, 0.975)) * std
     return dataclasses.replace(
@@ -213,13 +213,13 @@ def _log_ratio(a: Array, b: Array) -> Array:
     return np.asarray([0.5 * np.log(a.sum() / b.sum())])
 
 
-def _block_t(linear: Array) -> tuple[float, float]:
+def block_t(linear: Array) -> tuple[float, float]:
     """Standard deviation of theta from the means in blocks, and its degrees of freedom."""
     means = np.array([block.mean() for block in np.array_split(linear, BLOCKS)])
     return float(means.std(ddof=1)) / BLOCKS**0.5, BLOCKS - 1.0
 
 
-def _may_be_a_walk(series: Array) -> bool:
+def may_be_a_walk(series: Array) -> bool:
     """Whether Dickey and Fuller's test, with a mean and one lag, cannot exclude a unit root."""
     steps = np.diff(series)
     design = np.stack((np.ones(len(steps) - 1), series[1:-1], steps[:-1]), axis=1)

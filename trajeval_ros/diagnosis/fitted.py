@@ -9,7 +9,7 @@ is large enough that somebody would set it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from trajeval_ros.diagnosis.rotations import Array
 GAIN = 10.0
 """Nats that a nuisance gains beyond doubt: 4.5 standard deviations, a chance of 7e-6, of nine."""
 
-# Two offsets of the clock differ by so many standard deviations of the difference.
+# So many standard deviations are beyond doubt; of two offsets of the clock, of the difference.
 _APART = 4.5
 # Of three components together, what has the same chance.
 _GAIN_OF_THREE = 13.2
@@ -58,6 +58,29 @@ def together(coarse: tuple[Cause, ...], fitted: tuple[Cause, ...]) -> tuple[Caus
         return coarse
     codes = {cause.code for cause in fitted}
     return (*(cause for cause in coarse if cause.code not in codes), *fitted)
+
+
+def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
+    """Which of clock, clock rate, lever arm, mounting and scale differ from nothing.
+
+    By 4.5 standard deviations, a vector in one of its three components.
+    """
+    pairs: dict[str, tuple[Sequence[float], Sequence[float]]] = {
+        "clock": ([model["clock_offset"]["value"]], [model["clock_offset"]["std"]]),
+        "clock rate": ([model["clock_rate"]["value"]], [model["clock_rate"]["std"]]),
+        "lever arm": _of(model["extrinsic"]["translation"]),
+        "mounting": _of(model["extrinsic"]["rotation"]),
+        "scale": ([model["scale"]["value"] - 1.0], [model["scale"]["std"]]),
+    }
+    return tuple(
+        name
+        for name, (values, stds) in pairs.items()
+        if any(abs(value) > _APART * std for value, std in zip(values, stds, strict=True))
+    )
+
+
+def _of(vector: Mapping[str, Any]) -> tuple[Sequence[float], Sequence[float]]:
+    return vector["value"], vector["std"]
 
 
 def disagree(model: Mapping[str, Any]) -> bool:

@@ -1,6 +1,10 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The error model in words: how good the estimate is, and what is not its fault."""
+"""What a person asks first, in words.
+
+How good the estimate is, what kind of error it has, what is not its fault, where it is worst, and
+whether the ground truth can be trusted there.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,12 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from trajeval_ros.diagnosis.fitted import disagree
+from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
+from trajeval_ros.report import covered
 
 Figures = Mapping[str, Any]
 
-# Of what is not the estimator's fault, what gains ten nats is named: a chance of 7e-6, of nine.
-_SIGMAS = 4.5
 # What is known no better is not said to be nothing; and what they are called.
 _SEEN = dict(zip(NAMES, OBSERVED_STD.tolist(), strict=True))
 _TITLES = (
@@ -28,13 +31,19 @@ _TITLES = (
 _FAST = 1.0
 # Autocorrelations beyond this say that the model does not hold.
 _WHITE = 0.2
+# The noise of a sample is the assumed accuracy where it is no more than this times as large.
+_OF_THE_FLOOR = 1.5
+# m: below, millimetres.
+_SHORT = 0.5
+# From here on there are as many digits as there are.
+_MANY = 1000.0
 
 
 def _number(value: float, std: float | None, factor: float = 1.0) -> str:
-    """A figure with its standard deviation, to two digits of the latter."""
+    """A figure with its standard deviation, to two digits of the latter; to three with none."""
     value *= factor
     if std is None:
-        return f"{value:.2g}"
+        return f"{value:.3g}" if abs(value) < _MANY else f"{value:,.0f}"
     std *= factor
     if not std > 0.0:
         return f"{value:.3g}"
@@ -44,7 +53,7 @@ def _number(value: float, std: float | None, factor: float = 1.0) -> str:
 
 def _length(figure: Figures, unit: str = "") -> str:
     value, std = figure["value"], figure["std"]
-    if max(abs(value), std or 0.0) < 0.5:
+    if max(abs(value), std or 0.0) < _SHORT:
         return f"{_number(value, std, 1e3)} mm{unit}"
     return f"{_number(value, std)} m{unit}"
 
@@ -53,16 +62,105 @@ def _angle(figure: Figures, unit: str = "") -> str:
     return f"{_number(figure['value'], figure['std'], math.degrees(1.0))} deg{unit}"
 
 
-def error_model_lines(model: Figures | None) -> list[str]:
-    """Return the first lines of a result; none where nothing was fitted."""
-    return [f"{title:13} {text}" for title, text in sentences(model)]
+def first_lines(summary: Figures, parameters: Figures) -> list[str]:
+    """Return the first lines of a result: how good, what kind of error, whose fault, where."""
+    said = [
+        *_how_good(summary, parameters),
+        *sentences(summary.get("error_model"), _start(summary), _headline(summary).get("without")),
+        *_where(summary, parameters),
+    ]
+    return [
+        f"{'' if further else title:13} {line}"
+        for title, text in said
+        for further, line in enumerate(text.split("\n"))
+    ]
 
 
-def sentences(model: Figures | None) -> list[tuple[str, str]]:
-    """Return what there is to say, each with its title; nothing where nothing was fitted."""
+def _headline(summary: Figures) -> Figures:
+    return summary.get("headline") or {}
+
+
+def _start(summary: Figures) -> float:
+    """When the run begins, s; zero where that is not known."""
+    worst = _headline(summary).get("worst")
+    return 0.0 if worst is None else worst["stamp"] * 1e-9 - worst["seconds_from_start"]
+
+
+def _how_good(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
+    conventional = summary["conventional"]
+    step = f"{parameters['relative.delta']:g} {parameters['relative.unit']}"
+    gauge = "not aligned" if summary["gauge"] == "none" else f"aligned by {summary['gauge']}"
+    parts = [
+        f"{title} {', '.join(shown)}"
+        for title, name in ((f"ATE ({gauge})", "ate"), (f"RE (over {step})", "re"))
+        if (shown := _with_interval(conventional, _headline(summary).get("intervals", {}), name))
+    ]
+    coverage = summary.get("coverage")
+    if coverage:
+        parts.append(f"over {covered.of_the_run(coverage)}")
+        lost = covered.losses(coverage)
+        parts += [lost] if lost else []
+    return [("How good", ";\n".join(parts))] if parts else []
+
+
+def _with_interval(conventional: Figures, intervals: Figures, name: str) -> list[str]:
+    """Translation and rotation, each with its 95 % interval where there is one."""
+    found = []
+    for part, show in (("translation", _length), ("rotation", _angle)):
+        key = f"{name}_{part}_rmse"
+        rmse = conventional.get(key)
+        if rmse is None:
+            continue
+        interval = intervals.get(key, {}).get("interval")
+        between = ""
+        if interval is not None:
+            # In the unit of the figure itself, whatever theirs would be.
+            factor = 1e3 if part == "translation" and rmse < _SHORT else 1.0
+            factor = math.degrees(1.0) if part == "rotation" else factor
+            between = " ({} to {})".format(*(_number(v, None, factor) for v in interval))
+        found.append(f"{show(_plain(rmse))}{between}")
+    return found
+
+
+def _where(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
+    """Where it is worst, and how well the ground truth is known."""
+    found = []
+    worst, known = (_headline(summary).get(name) for name in ("worst", "ground_truth"))
+    if worst is not None:
+        found.append(
+            (
+                "Worst",
+                f"{_length(_plain(worst['translation']))} at {worst['seconds_from_start']:.1f} s,"
+                f" where the ground truth is known to {_length(_plain(worst['ground_truth_std']))}",
+            )
+        )
+    if known is not None:
+        text = f"the ground truth is known to {_length(_plain(known['translation_std']))}"
+        if known["rotation_std"] is not None:
+            text += f", {_angle(_plain(known['rotation_std']))}"
+        text += _assumed(summary, parameters)
+        if known["share_in_gaps"]:
+            text += f";\n{covered.percent(known['share_in_gaps'])} of the poses lie in its gaps,"
+            text += " and count in the likelihoods alone"
+        found.append(("Trust", text))
+    return found
+
+
+def sentences(
+    model: Figures | None, start: float = 0.0, without: Figures | None = None
+) -> list[tuple[str, str]]:
+    """Return what there is to say, each with its title; nothing where nothing was fitted.
+
+    A text has a line break where one may be. Times are said from ``start`` (s) on. ``without``: the
+    conventional figures without what is not its fault.
+    """
     if model is None:
         return []
-    return [("Error", _kind(model)), ("Not its fault", _faults(model)), *_doubts(model)]
+    return [
+        ("Kind of error", _kind(model)),
+        ("Not its fault", _faults(model, without)),
+        *_doubts(model, start),
+    ]
 
 
 def _kind(model: Figures) -> str:
@@ -79,45 +177,75 @@ def _kind(model: Figures) -> str:
         if far is not None and far["value"] < _FAST * translation["long_run_drift"]["value"]:
             parts += f" ({_length(far, '/√m')})"
         if "velocity_std" in translation:
-            parts += f" (velocity error {_length(translation['velocity_std'], '/s')} over"
+            parts += f"\n(velocity error {_length(translation['velocity_std'], '/s')} over"
             parts += f" {_number(**translation['velocity_time'])} s)"
-    return f"{jitter}; {parts}"
+    return f"{jitter};\n{parts}"
 
 
-def _faults(model: Figures) -> str:
+def _faults(model: Figures, without: Figures | None) -> str:
     """What is there beyond doubt, and within what there is none of the rest."""
-    found, none = [], []
-
-    def sort(name: str, beyond: float, std: float, limit: float, shown: str) -> None:
-        if abs(beyond) > _SIGMAS:
-            found.append(f"{name} {shown}")
-        elif std <= limit:
-            none.append(f"{name} {shown}")
-
     clock, rate, scale = model["clock_offset"], model["clock_rate"], model["scale"]
-    shown = f"{_number(clock['value'], clock['std'], 1e3)} ms"
-    sort("clock", clock["value"] / clock["std"], clock["std"], _SEEN["clock_offset"], shown)
-    shown = f"{_number(rate['value'], rate['std'], 1e6)} ppm"
-    sort("clock rate", rate["value"] / rate["std"], rate["std"], _SEEN["clock_rate"], shown)
-    for name, key, show, axis in (
-        ("lever arm", "translation", _length, "x"),
-        ("mounting", "rotation", _angle, "roll"),
-    ):
-        vector = model["extrinsic"][key]
-        size = math.hypot(*vector["value"])
-        std = max(vector["std"])
-        beyond = max(abs(v) / s for v, s in zip(vector["value"], vector["std"], strict=True))
-        sort(name, beyond, std, _SEEN[axis], show({"value": size, "std": std}))
-    beyond = (scale["value"] - 1.0) / scale["std"]
-    sort("scale", beyond, scale["std"], _SEEN["scale"], _number(**scale))
+    arm, mounting = (_sized(model["extrinsic"][key]) for key in ("translation", "rotation"))
+    shown = {
+        "clock": (clock["std"], "clock_offset", f"{_number(**clock, factor=1e3)} ms"),
+        "clock rate": (rate["std"], "clock_rate", f"{_number(**rate, factor=1e6)} ppm"),
+        "lever arm": (arm["std"], "x", _length(arm)),
+        "mounting": (mounting["std"], "roll", _angle(mounting)),
+        "scale": (scale["std"], "scale", _number(**scale)),
+    }
+    doubtless = beyond_doubt(model)
+    found = [f"{name} {shown[name][2]}" for name in doubtless]
+    none = [
+        f"{name} {text}"
+        for name, (std, seen, text) in shown.items()
+        if name not in doubtless and std <= _SEEN[seen]
+    ]
     gain = model["nats_per_pose"] - model["nats_per_pose_uncorrected"]
     if not found:
         return f"nothing beyond doubt ({', '.join(none)})" if none else "nothing that can be told"
-    rest = f"; nothing beyond doubt in {', '.join(none)}" if none else ""
-    return f"{', '.join(found)}: {gain:.3g} nats a pose{rest}"
+    rest = f".\nNothing beyond doubt in {', '.join(none)}" if none else ""
+    return f"{', '.join(found)}: {gain:.3g} nats a pose{_better(without)}{rest}"
 
 
-def _doubts(model: Figures) -> list[tuple[str, str]]:
+def _sized(vector: Figures) -> dict[str, float]:
+    """A vector's length, with the largest of its standard deviations."""
+    return {"value": math.hypot(*vector["value"]), "std": max(vector["std"])}
+
+
+def _better(without: Figures | None) -> str:
+    """What the conventional figures are without them."""
+    if without is None:
+        return ""
+    parts = [
+        f"{name.upper()} {', '.join(shown)}"
+        for name in ("ate", "re")
+        if (shown := _errors(without, name))
+    ]
+    return f".\nWithout: {'; '.join(parts)}" if parts else ""
+
+
+def _errors(figures: Figures, name: str) -> list[str]:
+    translation, rotation = (figures.get(f"{name}_{p}_rmse") for p in ("translation", "rotation"))
+    shown = [] if translation is None else [_length(_plain(translation))]
+    return shown if rotation is None else [*shown, _angle(_plain(rotation))]
+
+
+def _assumed(summary: Figures, parameters: Figures) -> str:
+    """Say so where the ground truth's accuracy is what was assumed, and not found."""
+    learned = summary["ground_truth"].get("hyperparameters")
+    floor = parameters["ground_truth.translation_std"]
+    if learned is None or parameters["gp.hyperparameters"] == "fixed":
+        return ""
+    if learned["translation"]["noise_std"] > _OF_THE_FLOOR * floor:
+        return ""
+    return f" (a sample is assumed to be good to {_length(_plain(floor))} at best)"
+
+
+def _plain(value: float) -> dict[str, float | None]:
+    return {"value": value, "std": None}
+
+
+def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
     found = []
     hidden = {name for each in model["unobserved"] for name in each["of"]}
     parts = []
@@ -131,22 +259,23 @@ def _doubts(model: Figures) -> list[tuple[str, str]]:
     jumps = model["jumps"]
     if jumps:
         largest = max(jumps, key=lambda jump: jump["translation"])
+        when = largest["stamp"] * 1e-9 - start
         found.append(
             (
                 "Jumps",
                 f"{len(jumps)}, the largest {1e3 * largest['translation']:.3g} mm,"
-                f" {math.degrees(largest['rotation']):.2g} deg at {largest['stamp'] * 1e-9:.3f} s",
+                f" {math.degrees(largest['rotation']):.2g} deg at {when:.1f} s",
             )
         )
     if disagree(model):
         by = model["clock_offset_by"]
         first, second = (_number(**by[group], factor=1e3) for group in ("translation", "rotation"))
-        text = f"positions alone say a clock of {first} ms, orientations alone {second} ms:"
-        found.append(("Doubt", f"{text} no one offset puts both right"))
+        text = f"positions alone say a clock of {first} ms, orientations alone {second} ms:\n"
+        found.append(("Doubt", f"{text}no one offset puts both right"))
     for change in model.get("clock_changes", ())[:3]:
         size, when = change["after"] - change["before"], 0.5e-9 * (change["begin"] + change["end"])
         shown = _number(size, change["std"], 1e3)
-        found.append(("Clock", f"changes by {shown} ms at {when:.1f} s"))
+        found.append(("Clock", f"changes by {shown} ms at {when - start:.1f} s"))
     worst = max(abs(lag) for part in model["whiteness"].values() for lag in part)
     if worst > _WHITE:
         text = f"errors are correlated beyond the model (by {worst:.2f}): the ± are too small"

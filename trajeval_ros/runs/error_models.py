@@ -46,7 +46,7 @@ class LiveErrorModels:
     def add(self, evaluations: Evaluations, offset: int) -> None:
         """Take poses, whose stamps on the ground truth's clock are ``offset`` (ns) later."""
         if evaluations.sampled.any():
-            self._running.add(_poses(evaluations, offset))
+            self._running.add(poses_of(evaluations, offset))
             self._current = False
 
     def fit_one(self) -> bool:
@@ -104,7 +104,7 @@ def error_models(
     poses = []
     for part in parts:
         if part.sampled.any():
-            poses.append(_poses(part, offset))
+            poses.append(poses_of(part, offset))
             live.add(part, offset)
             while not whole and live.fit_block():
                 pass
@@ -134,7 +134,7 @@ def put_into(summary: Figures, models: dict[str, Figures]) -> None:
         summary["window"]["error_model"] = models["window"]
 
 
-def _poses(evaluations: Evaluations, offset: int) -> Poses:
+def poses_of(evaluations: Evaluations, offset: int) -> Poses:
     """Those outside the ground truth's gaps, within which its errors go on from pose to pose."""
     known = evaluations.sampled
     return Poses(

@@ -29,6 +29,7 @@ from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.whole_run import Poses, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_models, put_into
+from trajeval_ros.runs.headline import with_headline
 from trajeval_ros.runs.latest_path import on_positions, scored
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
@@ -194,6 +195,14 @@ def completed(
         own, settings = engine.settings.estimates[name], engine.settings.evaluation
         found = scored(estimate.latest_path, kept.parts, settings, own)
         summary["latest_path"] = on_positions(found) if position_only else found
+    if len(kept.stamps):
+        start = min(int(truth.stamps.min()), int(estimate.stamps.min()) + offset)
+        summary = shield(
+            "the headline",
+            lambda: with_headline(summary, kept.parts, offset, start, engine.settings.evaluation),
+            summary,
+            report.say,
+        )
     summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
     return summary
 

@@ -1,0 +1,163 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a person asks of a run first.
+
+How sure the errors are, and where it is worst; how well the ground truth is known; how good the
+estimate is without what is not its fault. Of the poses outside the ground truth's gaps, with the
+alignment that is ATE's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import se3
+from trajeval_ros.comparison.common import Evaluated
+from trajeval_ros.comparison.errors import Errors, errors_of, steps
+from trajeval_ros.comparison.interval import interval_of
+from trajeval_ros.conventional.running import RunningConventional
+from trajeval_ros.diagnosis.fitted import beyond_doubt
+from trajeval_ros.error_model.nuisances import Ask, Nuisances
+from trajeval_ros.online.results import Evaluations
+from trajeval_ros.online.settings import EvaluationSettings
+from trajeval_ros.runs.error_models import poses_of
+
+Array = npt.NDArray[np.float64]
+Figures = dict[str, Any]
+
+# Of the poses, the ground truth must be known at their right stamps.
+_MOST_OF_THEM = 0.95
+
+RMSES = ("ate_translation", "ate_rotation", "re_translation", "re_rotation")
+
+
+def with_headline(
+    summary: Figures,
+    parts: Iterable[Evaluations],
+    offset: int,
+    start: int,
+    settings: EvaluationSettings,
+) -> Figures:
+    """Return a summary with its ``headline``.
+
+    ``parts``: all evaluations of the run; ``offset`` (ns) is what is added to the estimate's
+    stamps, and ``start`` (ns) the beginning of the run, both on the ground truth's clock.
+    """
+    all_parts = list(parts)
+    poses = [poses_of(part, offset) for part in all_parts if part.sampled.any()]
+    if not poses:
+        return {**summary, "headline": None}
+    whole = type(poses[0]).joined(poses)
+    truth, conventional = whole.truth, summary["conventional"]
+    evaluated = Evaluated("", truth.stamps, truth.poses, whole.estimate)
+    gauge, delta, unit = (
+        settings.gauge.name,
+        settings.relative_delta,
+        settings.relative_unit,
+    )
+    errors = errors_of(evaluated, *steps(evaluated, delta, unit), gauge, delta, unit)
+    stds = [_largest_std(truth.covariances[:, part, part]) for part in (slice(3), slice(3, 6))]
+    worst = _worst(errors, truth.stamps, stds[0], start)
+    if worst is not None and conventional.get("ate_rotation_rmse") is None:
+        worst["rotation"] = None
+    model = summary.get("error_model")
+    headline = {
+        "intervals": _intervals(errors, conventional),
+        "without": None
+        if model is None
+        else _without(model, conventional, evaluated, truth.at, settings),
+        "worst": worst,
+        "ground_truth": {
+            "translation_std": float(np.median(stds[0])),
+            "rotation_std": None if summary.get("position_only") else float(np.median(stds[1])),
+            "share_in_gaps": 1.0 - len(truth.stamps) / sum(len(part) for part in all_parts),
+        },
+    }
+    return {**summary, "headline": headline}
+
+
+def _largest_std(covariances: Array) -> Array:
+    """Along the least certain axis; (N,)."""
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(covariances)[:, -1]))
+
+
+def _intervals(errors: Errors, conventional: Mapping[str, Any]) -> Figures:
+    """95 % intervals of the figures that there are, and why there is none."""
+    found: Figures = {}
+    for name in RMSES:
+        series, rmse = getattr(errors, name), conventional.get(f"{name}_rmse")
+        if series is not None and rmse is not None and len(series):
+            interval = interval_of(series)
+            reason = None if interval.reason is None else str(interval.reason)
+            found[f"{name}_rmse"] = {"interval": interval.of(rmse), "reason": reason}
+    return found
+
+
+def _worst(errors: Errors, stamps: npt.NDArray[np.int64], std: Array, start: int) -> Figures | None:
+    """The pose that is furthest off beyond two standard deviations of the ground truth."""
+    translation, rotation = errors.ate_translation, errors.ate_rotation
+    if translation is None:
+        return None
+    place = int(np.argmax(translation - 2.0 * std))
+    return {
+        "stamp": int(stamps[place]),
+        "seconds_from_start": (int(stamps[place]) - start) * 1e-9,
+        "translation": float(translation[place]),
+        "rotation": None if rotation is None else float(rotation[place]),
+        "ground_truth_std": float(std[place]),
+    }
+
+
+def _without(
+    model: Mapping[str, Any],
+    conventional: Mapping[str, Any],
+    evaluated: Evaluated,
+    ask: Ask,
+    settings: EvaluationSettings,
+) -> Figures | None:
+    """The conventional figures once what is beyond doubt is put right.
+
+    None where nothing is, or where they are not of the same poses.
+    """
+    names = beyond_doubt(model)
+    if not names or conventional.get("at") != "estimate":
+        return None
+    right = _nuisances(model, names)
+    stamps = right.stamps(evaluated.stamps)
+    truth = ask(stamps)
+    estimate = right.corrected(evaluated.estimate)
+    running = RunningConventional(
+        settings.gauge.name, settings.relative_delta, settings.relative_unit
+    )
+    valid = truth.valid
+    if valid.mean() < _MOST_OF_THEM:
+        return None
+    running.update(stamps[valid], truth.poses[valid], estimate[valid])
+    figures = running.figures()
+    return {
+        "of": list(names),
+        "poses": figures.poses,
+        **{f"{name}_rmse": getattr(figures, f"{name}_rmse") for name in RMSES},
+    }
+
+
+def _nuisances(model: Mapping[str, Any], names: Iterable[str]) -> Nuisances:
+    """Those of the model that are named, and nothing of the others."""
+    extrinsic = np.eye(4)
+    if "mounting" in names:
+        pose = np.array(model["extrinsic"]["pose"])
+        extrinsic = se3.from_position_quaternion(pose[:3], pose[3:])
+    if "lever arm" in names:
+        extrinsic[:3, 3] = model["extrinsic"]["translation"]["value"]
+    else:
+        extrinsic[:3, 3] = 0.0
+    return Nuisances(
+        model["clock_offset"]["value"] if "clock" in names else 0.0,
+        model["clock_rate"]["value"] if "clock rate" in names else 0.0,
+        extrinsic,
+        model["scale"]["value"] if "scale" in names else 1.0,
+    )
