@@ -26,7 +26,7 @@ from trajeval_ros.benchmarking.manifest import read_manifest
 from trajeval_ros.benchmarking.plan import Task
 from trajeval_ros.benchmarking.results import Results, read_csv, read_results
 from trajeval_ros.benchmarking.whole import OutputExistsError, run
-from trajeval_ros.benchmarking.work import LOST, OK, Row, failed, summaries_of
+from trajeval_ros.benchmarking.work import LOST, OK, Outcome, Row, failed, scores_of
 from trajeval_ros.commands import benchmark, simulate
 
 pytest.importorskip("distributed")
@@ -91,7 +91,8 @@ def test_files_have_every_row(done: Done) -> None:
         map(str, keys)
     )
     assert {path.name for path in folder.iterdir()} == {
-        *("results.csv", "results.parquet", "tables.md", "tables.tex", "tables.html")
+        *("results.csv", "results.parquet", "tables.md", "tables.tex", "tables.html"),
+        *("errors.csv", "report.html"),
     }
 
 
@@ -131,8 +132,8 @@ def test_no_estimate_s_name_is_a_parameter(done: Done) -> None:
     truth = te.read_tum(sequence.ground_truth.path).data
     estimates = [te.read_tum(run.source.path).data for run in sequence.runs if run.run == "0"]
     offsets = [
-        summary["parameters"]["estimate.time_offset"]
-        for summary in summaries_of(parameters, truth, estimates)
+        scored.summary["parameters"]["estimate.time_offset"]
+        for scored in scores_of(parameters, truth, estimates)
     ]
     assert offsets == [0.01, 0.01]
 
@@ -233,11 +234,11 @@ def test_the_page_s_commands_run(
     assert len(read_manifest("example.yaml").runs) == 2
 
 
-def deadly(task: Task) -> list[Row]:
+def deadly(task: Task) -> list[Outcome]:
     """In place of the work: a run that kills whoever takes it, as one without memory does."""
     if any(one.run.run == "bad" for one in task.runs):
         os.kill(os.getpid(), signal.SIGKILL)
-    return [failed(one, "not evaluated here") for one in task.runs]
+    return [Outcome(failed(one, "not evaluated here")) for one in task.runs]
 
 
 def test_a_run_that_kills_its_workers_costs_itself_alone(
@@ -246,7 +247,7 @@ def test_a_run_that_kills_its_workers_costs_itself_alone(
     import dask
 
     manifest, rows = done
-    monkeypatch.setattr(cluster, "rows_of", deadly)
+    monkeypatch.setattr(cluster, "outcomes_of", deadly)
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         cluster.cluster(workers=1) as own,

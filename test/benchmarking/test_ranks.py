@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trajeval_ros.benchmarking.ranks import Ranks, friedman_nemenyi, nemenyi
+from trajeval_ros.benchmarking.ranks import friedman_nemenyi, nemenyi
 
 
 @pytest.mark.parametrize(("systems", "q"), [(2, 1.960), (3, 2.343), (5, 2.728), (10, 3.164)])
@@ -49,12 +49,6 @@ def test_a_system_that_wins_everywhere_is_found_with_enough_sequences() -> None:
     found = friedman_nemenyi(costs)
     assert found.p_value < 1e-3
     assert found.critical_difference == pytest.approx(2.343 * np.sqrt(12 / 66), rel=1e-3)
-    assert found.groups() == []
-
-
-def test_groups_are_the_largest_that_cannot_be_told_apart() -> None:
-    assert Ranks(np.array([3.0, 1.0, 1.8, 5.0]), 9, 0.01, 1.3).groups() == [(1, 2), (2, 0)]
-    assert Ranks(np.array([1.0, 1.2, 1.3]), 9, 0.9, 1.3).groups() == [(0, 1, 2)]
 
 
 def test_what_cannot_be_ranked_is_refused() -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from trajeval_ros.benchmarking.plan import Task
-from trajeval_ros.benchmarking.work import LOST, Row, failed, rows_of
+from trajeval_ros.benchmarking.work import LOST, Outcome, failed, outcomes_of
 
 PATIENCE = 10.0
 """How long a scheduler may take to answer, s."""
@@ -63,8 +63,8 @@ def workers_of(client: Any) -> int:
     return max(sum(client.nthreads().values()), 1)
 
 
-def evaluate(client: Any, tasks: Iterable[Task]) -> Iterator[list[Row]]:
-    """Yield the rows of each task as it is done.
+def evaluate(client: Any, tasks: Iterable[Task]) -> Iterator[list[Outcome]]:
+    """Yield the outcomes of each task as it is done.
 
     Dask gives the tasks of a worker that dies to another, and gives up those at which several died.
     Which of them killed the workers cannot be told, as others were there: so each run of theirs is
@@ -79,29 +79,32 @@ def evaluate(client: Any, tasks: Iterable[Task]) -> Iterator[list[Row]]:
     suspects: list[Task] = []
     for future in as_completed(list(waiting)):
         task = waiting.pop(future)
-        rows = _result(future)
-        if isinstance(rows, list):
-            yield rows
+        outcomes = _result(future)
+        if isinstance(outcomes, list):
+            yield outcomes
         else:
             suspects += [dataclasses.replace(task, runs=(one,)) for one in task.runs]
     for task in suspects:
-        rows = _result(_submit(client, task))
-        yield rows if isinstance(rows, list) else [failed(task.runs[0], _said(rows), LOST)]
+        outcomes = _result(_submit(client, task))
+        if isinstance(outcomes, list):
+            yield outcomes
+        else:
+            yield [Outcome(failed(task.runs[0], _said(outcomes), LOST))]
 
 
-def _result(future: Any) -> list[Row] | Exception:
-    """Wait for the rows of a task, or what became of it instead."""
+def _result(future: Any) -> list[Outcome] | Exception:
+    """Wait for the outcomes of a task, or what became of it instead."""
     from distributed import CancelledError
 
     try:
-        rows: list[Row] = future.result()
+        outcomes: list[Outcome] = future.result()
     except CancelledError as error:
         raise ClusterError("the scheduler is gone") from error
     except Exception as error:  # noqa: BLE001 (what Dask has to say of workers, whatever it is)
         return error
     # The worker may forget them.
     future.release()
-    return rows
+    return outcomes
 
 
 def _said(error: Exception) -> str:
@@ -114,4 +117,4 @@ def _said(error: Exception) -> str:
 
 def _submit(client: Any, task: Task) -> Any:
     # Not pure: by what Dask makes of the arguments two tasks would be one.
-    return client.submit(rows_of, task, pure=False)
+    return client.submit(outcomes_of, task, pure=False)

@@ -36,17 +36,17 @@ _DEGREES = 180.0 / np.pi
 _MODEL = "error_model.{}.{}.value"
 FIGURES = (
     Figure("conventional.ate_translation_rmse", "ATE", "m", 1.0),
-    Figure("conventional.ate_rotation_rmse", "ATE, rotation", "deg", _DEGREES),
+    Figure("conventional.ate_rotation_rmse", "ATE rotation", "deg", _DEGREES),
     Figure("conventional.re_translation_rmse", "RE", "m", 1.0),
-    Figure("conventional.re_rotation_rmse", "RE, rotation", "deg", _DEGREES),
+    Figure("conventional.re_rotation_rmse", "RE rotation", "deg", _DEGREES),
     Figure("drift.kitti.translation", "KITTI drift", "%", 100.0),
-    Figure("drift.kitti.rotation", "KITTI drift, rotation", "deg/100 m", 100.0 * _DEGREES),
+    Figure("drift.kitti.rotation", "KITTI drift rotation", "deg/100 m", 100.0 * _DEGREES),
     Figure(_MODEL.format("translation", "jitter_std"), "Jitter", "mm", 1e3),
-    Figure(_MODEL.format("rotation", "jitter_std"), "Jitter, rotation", "deg", _DEGREES),
+    Figure(_MODEL.format("rotation", "jitter_std"), "Jitter rotation", "deg", _DEGREES),
     Figure(_MODEL.format("translation", "long_run_drift"), "Drift", "mm/√s", 1e3),
-    Figure(_MODEL.format("rotation", "long_run_drift"), "Drift, rotation", "deg/√s", _DEGREES),
+    Figure(_MODEL.format("rotation", "long_run_drift"), "Drift rotation", "deg/√s", _DEGREES),
     Figure(_MODEL.format("translation", "wander_std"), "Wander", "mm", 1e3),
-    Figure(_MODEL.format("rotation", "wander_std"), "Wander, rotation", "deg", _DEGREES),
+    Figure(_MODEL.format("rotation", "wander_std"), "Wander rotation", "deg", _DEGREES),
     Figure("error_model.nats_per_pose", "Error model", "nats/pose", 1.0, True, -np.inf, False),
     Figure("coverage.time", "Coverage", "%", 100.0, True, 0.0, False),
 )

@@ -20,7 +20,7 @@ from trajeval_ros.benchmarking.figures import (
     quartiles,
     values,
 )
-from trajeval_ros.benchmarking.grids import number
+from trajeval_ros.benchmarking.grids import heading, number
 from trajeval_ros.benchmarking.noise import holm, p_smaller
 from trajeval_ros.benchmarking.ranks import LEVEL
 from trajeval_ros.benchmarking.work import Row
@@ -51,20 +51,22 @@ class Change:
         return self.p_value < LEVEL
 
     @property
+    def difference(self) -> str:
+        """How much larger it is, as a ratio, or of what is no error as a difference."""
+        if not (np.isfinite(self.now) and np.isfinite(self.before)):
+            return ""
+        if not self.figure.ratios:
+            return f"{self.figure.factor * (self.now - self.before):+.3g} {self.figure.unit}"
+        return f"{self.now / self.before:.3f} times" if self.before > 0.0 else ""
+
+    @property
     def line(self) -> str:
         """The change in words."""
         figure = self.figure
         now, before = (number(v * figure.factor) for v in (self.now, self.before))
-        ratio = "-"
-        if figure.ratios and 0.0 < self.before < np.inf and np.isfinite(self.now):
-            ratio = f"{self.now / self.before:.3f} times"
-        elif np.isfinite(self.now) and np.isfinite(self.before):
-            ratio = f"{figure.factor * (self.now - self.before):+.3g}"
+        said = ", ".join([*filter(None, [self.difference]), f"p = {self.p_value:.2g}"])
         verdict = "worse" if self.worse else "not worse"
-        return (
-            f"{self.system}  {figure.title} [{figure.unit}]: {now}, was {before}"
-            f" ({ratio}, p = {self.p_value:.2g})  {verdict}"
-        )
+        return f"{self.system}  {heading(figure)}: {now}, was {before} ({said})  {verdict}"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -53,7 +53,7 @@ def grids(comparison: Comparison) -> list[Grid]:
     made = summary(comparison)
     if len(comparison.each) > 1:
         made.append(_runs(comparison))
-        made += [_of_figure(comparison, figure) for figure in comparison.over_all.figures]
+        made += [of_figure(comparison, figure) for figure in comparison.over_all.figures]
     return made
 
 
@@ -63,6 +63,19 @@ def summary(comparison: Comparison) -> list[Grid]:
     if comparison.rankings:
         made.append(_ranks(comparison))
     return made
+
+
+def of_figure(comparison: Comparison, figure: Figure) -> Grid:
+    """Return a figure's table: a row a sequence, and the last over all."""
+    tables = (*comparison.each, comparison.over_all)
+    cells = [table.of(figure) for table in tables]
+    rows = [
+        (table.title, tuple(_entry(figure, cell) for cell in row))
+        for table, row in zip(tables, cells, strict=True)
+    ]
+    marked = any(cell.median is not None and not cell.whole for row in cells for cell in row)
+    notes = (_NOT_WHOLE,) if marked else ()
+    return Grid(heading(figure), "Sequence", comparison.systems, tuple(rows), notes)
 
 
 def heading(figure: Figure) -> str:
@@ -104,6 +117,9 @@ def _notes(table: Table) -> Iterator[str]:
     yield CAPTION
     if any(cell.median is not None and not cell.whole for row in table.cells for cell in row):
         yield _NOT_WHOLE
+    if any(not np.isfinite(cell.median or 0.0) for row in table.cells for cell in row):
+        where = " on one of the sequences" if len(table.sequences) > 1 else ""
+        yield f"failed: at least half of the runs did{where}."
     if table.most_runs == 1:
         yield "One run of each: how much runs differ is not known."
     if len(table.counts) > 1 and not any(cell.best for row in table.cells for cell in row):
@@ -139,18 +155,6 @@ def _runs(comparison: Comparison) -> Grid:
         for table in (*comparison.each, comparison.over_all)
     ]
     return Grid("Runs evaluated", "Sequence", comparison.systems, tuple(rows), ())
-
-
-def _of_figure(comparison: Comparison, figure: Figure) -> Grid:
-    tables = (*comparison.each, comparison.over_all)
-    cells = [table.of(figure) for table in tables]
-    rows = [
-        (table.title, tuple(_entry(figure, cell) for cell in row))
-        for table, row in zip(tables, cells, strict=True)
-    ]
-    marked = any(cell.median is not None and not cell.whole for row in cells for cell in row)
-    notes = (_NOT_WHOLE,) if marked else ()
-    return Grid(heading(figure), "Sequence", comparison.systems, tuple(rows), notes)
 
 
 def _entry(figure: Figure, cell: Cell) -> Entry:

@@ -30,19 +30,6 @@ class Ranks:
     p_value: float
     critical_difference: float
 
-    def groups(self) -> list[tuple[int, ...]]:
-        """The largest sets of systems, best first, of which no two can be told apart."""
-        order = np.argsort(self.mean, kind="stable")
-        ordered = self.mean[order]
-        found: list[tuple[int, ...]] = []
-        last = 0
-        for begin in range(len(order)):
-            end = int(np.searchsorted(ordered, ordered[begin] + self.critical_difference, "right"))
-            if end > last and end - begin > 1:
-                found.append(tuple(order[begin:end].tolist()))
-            last = max(last, end)
-        return found
-
 
 def friedman_nemenyi(costs: Array) -> Ranks:
     """Rank the systems on each sequence; lower costs (n sequences, k systems) are better.

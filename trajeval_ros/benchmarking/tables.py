@@ -14,7 +14,7 @@ _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:80rem;padding:0 1rem}"
     "table{border-collapse:collapse;margin:1rem 0}"
     "th,td{padding:.25rem .75rem;text-align:right;border-bottom:1px solid #ddd}"
-    "th:first-child,td:first-child{text-align:left}small{color:#666}"
+    "th:first-child,td:first-child{text-align:left}small,.note{color:#666}"
 )
 
 
@@ -102,7 +102,7 @@ def element(grid: Grid) -> str:
         f"<tr><th>{html.escape(name)}</th>{''.join(map(_cell, row))}</tr>"
         for name, row in grid.rows
     )
-    notes = "".join(f"\n<p><small>{html.escape(note)}</small></p>" for note in grid.notes)
+    notes = "".join(f"\n<p class=note>{html.escape(note)}</p>" for note in grid.notes)
     return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>{notes}"
 
 

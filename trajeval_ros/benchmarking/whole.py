@@ -5,14 +5,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from trajeval_ros.benchmarking import cluster, tables
+from trajeval_ros.benchmarking.errors import ErrorsFile, read_errors
+from trajeval_ros.benchmarking.gate import Verdict
 from trajeval_ros.benchmarking.grids import grids
 from trajeval_ros.benchmarking.manifest import Manifest, read_manifest
 from trajeval_ros.benchmarking.plan import plan, tasks
+from trajeval_ros.benchmarking.report import REPORT, Benchmark, page
 from trajeval_ros.benchmarking.results import CSV, Results, frame, in_order, read_csv, still_good
 from trajeval_ros.benchmarking.table import compare
 from trajeval_ros.benchmarking.work import Row
@@ -32,7 +35,7 @@ def run(
     resume: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> list[Row]:
-    """Evaluate every run of a manifest; write ``results.csv``, ``.parquet`` and the tables.
+    """Evaluate every run of a manifest; write its rows, errors, tables and report.
 
     ``resume``: rows that are there of the same contents are kept. ``progress`` is told how many
     runs of how many are done. Returns the rows in the order of their names.
@@ -48,17 +51,29 @@ def run(
     planned = plan(manifest)
     keys = [one.key for runs in planned.values() for one in runs]
     results = Results(folder, still_good(read_csv(folder / CSV) if there else (), keys))
-    done = {row["key"] for row in results.rows}
+    done = {str(row["key"]) for row in results.rows}
+    errors = ErrorsFile(folder, read_errors(folder, done))
     left = {name: [one for one in runs if one.key not in done] for name, runs in planned.items()}
     progress(len(done), len(keys))
     todo = tasks(manifest, left, cluster.workers_of(client))
-    for rows in cluster.evaluate(client, todo):
-        results.add(rows)
+    for outcomes in cluster.evaluate(client, todo):
+        # The errors first: whatever has a row has them.
+        errors.add(outcome.errors for outcome in outcomes if outcome.errors is not None)
+        results.add([outcome.row for outcome in outcomes])
         progress(len(results.rows), len(keys))
     results.finish()
     rows = in_order(results.rows)
-    tables.write(folder, grids(compare(rows)))
+    publish(folder, rows)
     return rows
+
+
+def publish(folder: Path, rows: Sequence[Row], verdict: Verdict | None = None) -> None:
+    """Write the tables and the report of a benchmark that is done; with what the gate found."""
+    comparison = compare(rows)
+    tables.write(folder, grids(comparison))
+    errors = read_errors(folder, [str(row["key"]) for row in rows])
+    text = page(Benchmark(rows, comparison, errors, verdict))
+    (folder / REPORT).write_text(text, encoding="utf-8")
 
 
 def benchmark(

@@ -8,12 +8,14 @@ import json
 import platform
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy
 
 from trajeval_ros import __version__
+from trajeval_ros.benchmarking.errors import Errors, errors_of
 from trajeval_ros.benchmarking.manifest import Source
 from trajeval_ros.benchmarking.plan import Planned, Task
 from trajeval_ros.files import sources
@@ -21,7 +23,7 @@ from trajeval_ros.files.recognise import recognise
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 from trajeval_ros.online.parameters import PARAMETERS, Value, complete, of_estimate
 from trajeval_ros.report import Report
-from trajeval_ros.runs.offline import Scoring, score, why_none
+from trajeval_ros.runs.offline import Scored, Scoring, score, why_none
 
 Cell = str | float | None
 Row = dict[str, Cell]
@@ -30,52 +32,69 @@ OK, FAILED, LOST = "ok", "failed", "lost"
 """Evaluated; not to be evaluated, and why; its worker died, which may go better another time."""
 
 
-def rows_of(task: Task) -> list[Row]:
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a run: its row, and its errors over time where it has any."""
+
+    row: Row
+    errors: Errors | None = None
+
+
+def outcomes_of(task: Task) -> list[Outcome]:
     """Evaluate the runs of a task. What is wrong with one of them is its row's ``error``."""
     start = time.perf_counter()
     try:
         truth = read(task.ground_truth)
     except Exception as error:  # noqa: BLE001 (whatever it is, it is these rows' and no others')
-        return [failed(one, f"ground truth: {_said(error)}") for one in task.runs]
+        return [Outcome(failed(one, f"ground truth: {_said(error)}")) for one in task.runs]
     estimates: dict[Planned, Trajectory] = {}
-    rows: dict[str, Row] = {}
+    outcomes: dict[str, Outcome] = {}
     for one in task.runs:
         try:
             estimates[one] = read(one.run.source)
         except Exception as error:  # noqa: BLE001 (as above)
-            rows[one.key] = failed(one, _said(error))
+            outcomes[one.key] = Outcome(failed(one, _said(error)))
     reading = (time.perf_counter() - start) / len(task.runs)
-    rows |= _scored(task, truth, estimates, reading)
-    return [rows[one.key] for one in task.runs]
+    outcomes |= _scored(task, truth, estimates, reading)
+    return [outcomes[one.key] for one in task.runs]
 
 
 def _scored(
     task: Task, truth: Trajectory, estimates: Mapping[Planned, Trajectory], before: float
-) -> dict[str, Row]:
-    """The rows by key; where all together fail, each by itself."""
+) -> dict[str, Outcome]:
+    """The outcomes by key; where all together fail, each by itself."""
     if not estimates:
         return {}
     start = time.perf_counter()
     try:
-        summaries = summaries_of(task.parameters, truth, list(estimates.values()))
+        scored = scores_of(task.parameters, truth, list(estimates.values()))
     except Exception as error:  # noqa: BLE001 (a defect, or no memory; one run may be the reason)
         if len(estimates) == 1:
-            return {one.key: failed(one, _said(error)) for one in estimates}
-        rows: dict[str, Row] = {}
+            return {one.key: Outcome(failed(one, _said(error))) for one in estimates}
+        outcomes: dict[str, Outcome] = {}
         for one, estimate in estimates.items():
-            rows |= _scored(task, truth, {one: estimate}, before)
-        return rows
+            outcomes |= _scored(task, truth, {one: estimate}, before)
+        return outcomes
     share = before + (time.perf_counter() - start) / len(estimates)
     return {
-        one.key: _row(one, estimate, summary, share)
-        for (one, estimate), summary in zip(estimates.items(), summaries, strict=True)
+        one.key: Outcome(
+            _row(one, estimate, each.summary, share),
+            errors_of(one.key, truth.stamps, each.evaluated, _alignment(each.summary)),
+        )
+        for (one, estimate), each in zip(estimates.items(), scored, strict=True)
     }
 
 
-def summaries_of(
+def _alignment(summary: Mapping[str, Any]) -> object:
+    conventional = summary["conventional"]
+    aligned = conventional.get("ate_translation_rmse") is not None
+    return conventional.get("alignment") if aligned else None
+
+
+def scores_of(
     parameters: Mapping[str, Value], truth: Trajectory, estimates: Sequence[Trajectory]
-) -> list[dict[str, Any]]:
-    """The ``summary.json`` of each estimate, in order; ``parameters`` as of a run with one."""
+) -> list[Scored]:
+    """What became of each estimate, in order; ``parameters`` as of a run with one."""
     # The engine's names have rules of their own that a run's need not follow.
     names = [f"e{place}" for place in range(len(estimates))]
     values: dict[str, Any] = {}
@@ -91,7 +110,7 @@ def summaries_of(
         for name, estimate in zip(names, estimates, strict=True)
     }
     found = score(whole, truth, scorings)
-    return [found[name].summary for name in names]
+    return [found[name] for name in names]
 
 
 def read(source: Source) -> Trajectory:
@@ -130,7 +149,7 @@ def _row(one: Planned, estimate: Trajectory, summary: dict[str, Any], seconds: f
     row = _origin(one, OK if why is None else FAILED, why and _one_line(why))
     row["wall_time"] = seconds
     parameters = {f"parameters.{name}": summary["parameters"][name] for name in PARAMETERS}
-    row |= {name: _cell(value) for name, value in parameters.items()}
+    row |= {name: cell(value) for name, value in parameters.items()}
     figures = {k: v for k, v in summary.items() if k not in ("version", "inputs", "parameters")}
     return row | dict(_scalars(figures, ""))
 
@@ -141,10 +160,10 @@ def _scalars(part: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Cell]]
         if isinstance(value, Mapping):
             yield from _scalars(value, f"{prefix}{name}.")
         elif isinstance(value, str | int | float):
-            yield f"{prefix}{name}", _cell(value)
+            yield f"{prefix}{name}", cell(value)
 
 
-def _cell(value: Any) -> Cell:
+def cell(value: Any) -> Cell:
     """Text or a number; all numbers are floats, so that a row read again is the row written."""
     if isinstance(value, bool):
         return str(value).lower()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Evaluate many runs: every estimate that a manifest names, on all cores or on a Dask cluster.
-Writes results.csv as it goes, and at the end results.parquet and tables (md, tex, html)."""
+Writes results.csv as it goes, and at the end results.parquet, tables (md, tex, html), a report."""
 
 EPILOG = """\
 examples:
@@ -170,16 +170,21 @@ def _say(rows: Sequence[Row], folder: Path) -> None:
         if row["status"] != "ok":
             name = "/".join(str(row[part]) for part in ("system", "sequence", "run"))
             print(f"{row['status']}: {name}: {row['error']}")
-    print(f"Written: results.csv, results.parquet, tables.md, .tex, .html in {folder}", flush=True)
+    print(
+        f"Written: report.html, results.csv, .parquet, tables.md, .tex, .html in {folder}",
+        flush=True,
+    )
 
 
 def _gate(arguments: argparse.Namespace, rows: Sequence[Row], before: Sequence[Row]) -> int:
     from trajeval_ros.benchmarking.gate import GateError, judge, write_junit
+    from trajeval_ros.benchmarking.whole import publish
 
     try:
         verdict = judge(rows, before)
     except GateError as error:
         raise console.CommandError(f"--baseline: {error}") from error
+    publish(Path(arguments.output).expanduser(), rows, verdict)
     print(f"\nBaseline      {arguments.baseline}")
     for change in verdict.changes:
         print(f"  {change.line}")
