@@ -122,6 +122,40 @@ def test_without_poses_it_says_so(run: Run, baseline: Path, tmp_path: Path) -> N
     assert "--baseline: there is no poses.csv beside it, and the error models" in err
 
 
+def test_the_rows_of_the_baseline_have_its_own_clock(
+    run: Run, folder: Path, tmp_path: Path
+) -> None:
+    """The baseline's stamps were late and were put right; those of now are right."""
+    rows = np.loadtxt(folder / "before.txt")
+    rows[:, 0] += 0.04
+    np.savetxt(tmp_path / "late.txt", rows, fmt="%.17g")
+    files = [str(folder / "gt.txt"), str(tmp_path / "late.txt")]
+    late = [*files, "--set", "estimate.time_offset=-0.04", "--output", str(tmp_path / "out")]
+    assert evaluate.main(["tum", *late]) == 0
+    code, out, _ = run("before", "--baseline", tmp_path / "out")
+    assert code == 0
+    (row,) = (line.split() for line in out.splitlines() if "ate_translation" in line)
+    # Of the same poses at the same times.
+    assert float(row[5]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_was_exact_is_said(run: Run, folder: Path, tmp_path: Path) -> None:
+    truth = str(folder / "gt.txt")
+    assert evaluate.main(["tum", truth, truth, "--output", str(tmp_path / "out")]) == 0
+    poses = tmp_path / "out" / "poses.csv"
+    header, *lines = poses.read_text().splitlines()
+    names = header.split(",")
+    known, est = names.index("gt_tx"), names.index("est_tx")
+    cells = [line.split(",") for line in lines]
+    for row in cells:
+        row[est : est + 7] = row[known : known + 7]
+    poses.write_text("\n".join([header, *(",".join(row) for row in cells)]) + "\n")
+    code, _, err = run("before", "--baseline", tmp_path / "out")
+    assert code == 3
+    assert "ate_translation is " in err
+    assert "and was exact" in err
+
+
 def test_a_tracker_that_gives_up_is_worse(run: Run, baseline: Path) -> None:
     code, _, err = run("short", "--baseline", baseline)
     assert code == 3

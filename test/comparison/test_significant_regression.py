@@ -105,9 +105,56 @@ def test_without_poses_the_error_models_are_compared() -> None:
     # Told by other parameters, jitter is another figure.
     assert unpaired(model(0.01, 0.02), model(0.01)) == ()
     assert unpaired({}, model(0.01)) == ()
-    zero = {"error_model": {"translation": {"jitter_std": {"value": 0.0, "std": 0.1}}}}
+    zero = {"error_model": {"translation": {"jitter_std": {"value": 0.0, "std": None}}}}
     (found,) = unpaired(zero, model(0.01))
     assert (found.p_value, found.worse) == (None, False)
+    # Beside nothing there is no ratio, but a difference.
+    zero["error_model"]["translation"]["jitter_std"]["std"] = 0.001
+    assert not unpaired(zero, model(0.01))[0].worse
+    assert unpaired(model(0.01), zero)[0].worse
+    assert not unpaired(model(0.0001), zero)[0].worse
+
+
+def walking(rng: np.random.Generator, scale: float, name: str) -> Evaluated:
+    """Odometry whose heading drifts: its ATE is one walk."""
+    heading = np.cumsum(scale * rng.normal(size=COUNT)) * 1e-4
+    steps = np.zeros((COUNT, 6))
+    steps[:, 0], steps[:, 5] = 1.0 / RATE, heading
+    forward = np.tile(np.eye(4), (COUNT, 1, 1))
+    forward[:, 0, 3] = np.arange(COUNT) / RATE
+    estimate = se3.exp(np.zeros((COUNT, 6)))
+    estimate[:, :2, 3] = np.cumsum(np.stack((np.cos(heading), np.sin(heading)), 1), axis=0) / RATE
+    estimate[:, :3, :3] = se3.exp_so3(np.stack((0 * heading, 0 * heading, heading), axis=1))
+    stamps = np.arange(COUNT, dtype=np.int64) * (10**9 // RATE)
+    return Evaluated(name, stamps, forward, estimate)
+
+
+def ate_of(changes: Any) -> Change:
+    return next(change for change in changes if change.name == "ate_translation")
+
+
+def test_an_ate_that_is_one_walk_is_judged_as_one() -> None:
+    rng = np.random.default_rng(7)
+    changes = []
+    for _ in range(60):
+        pair = compare(walking(rng, 1.0, "now"), walking(rng, 1.0, "before"), method="block_t")
+        changes.append(ate_of(paired(pair, ["ate_translation"])))
+    walks = [change for change in changes if change.reason == "one_walk"]
+    assert len(walks) > 40
+    assert all(change.interval is not None for change in walks)
+    # One of twenty: more than 7 of 60 come in one of a hundred.
+    assert sum(change.worse for change in walks) <= 7
+    # A map that is no longer corrected: thirty times the walk.
+    lost = compare(walking(rng, 30.0, "now"), walking(rng, 1.0, "before"), method="block_t")
+    assert ate_of(paired(lost)).worse
+
+
+def test_what_was_exact_and_is_no_longer_is_worse() -> None:
+    rng = np.random.default_rng(8)
+    exact = Evaluated("before", run(rng).stamps, TRUTH, TRUTH)
+    assert all(change.worse for change in paired(compare(run(rng), exact)))
+    assert not any(change.worse for change in paired(compare(exact, exact)))
+    assert not any(change.worse for change in paired(compare(exact, run(rng))))
 
 
 def test_what_is_no_longer_covered() -> None:

@@ -6,6 +6,13 @@ Where the poses of before are known, their errors are paired with those of now a
 Without them there is no interval for the ratio of two RMSEs: then the standard deviations of the
 error models' parameters are compared, which have one, as two that have nothing in common.
 
+Where the errors are one walk through the whole run, as the ATE of odometry is, no interval comes
+from within it. But how far two equal walks differ has a distribution. Of those simulated (of
+position and of velocity, along one axis and three, of a heading, on lines, loops and walks) the
+widest is that of a heading that drifts along a line; its mean squares' ratio stays below Fisher's
+F of two and two degrees of freedom: P(RMSE_a / RMSE_b > r) = 1 / (1 + r^2). So a loop closure that
+is lost is worse from 6 to 9 times on.
+
 One run asks several such questions. The gate as a whole is to be wrong in no more than one of
 twenty runs in which nothing has changed: of k figures each may be in one of 20 k (Bonferroni), on
 the one side that is worse. And what is less than a hundredth worse is not worse, however surely:
@@ -23,7 +30,7 @@ from scipy.special import ndtr
 
 from trajeval_ros.comparison.common import Stamps, coverage
 from trajeval_ros.comparison.compare import Comparison
-from trajeval_ros.comparison.ratio import Ratio
+from trajeval_ros.comparison.ratio import Ratio, Reason
 
 Figures = Mapping[str, Any]
 
@@ -32,6 +39,8 @@ WRONG = 0.05
 NEGLIGIBLE = 0.01
 """What is less worse than this share is not worse."""
 FIGURES = ("ate_translation", "ate_rotation", "re_translation", "re_rotation")
+EXACT = 1e-9
+"""m or rad: an error below this is round-off."""
 _GAP = 1.0
 _PARTS = ("translation", "rotation")
 _PROCESS = ("jitter_std", "drift_std", "velocity_std", "wander_std")
@@ -48,7 +57,7 @@ class Change:
         before: the same.
         interval: 95 % interval of the ratio of now to before; None where there is none.
         p_value: of the ratio being 1, two-sided; None where there is none.
-        reason: why there is none.
+        reason: why there is none; `one_walk` also where the two are those of two walks.
         worse: whether it is, significantly; decided by `decided`.
     """
 
@@ -107,6 +116,7 @@ def decided(changes: Iterable[Change]) -> tuple[Change, ...]:
             change,
             worse=change.p_value is not None
             and change.now > (1.0 + NEGLIGIBLE) * change.before
+            and change.now > EXACT
             and 0.5 * change.p_value < WRONG / asked,
         )
         for change in every
@@ -114,8 +124,26 @@ def decided(changes: Iterable[Change]) -> tuple[Change, ...]:
 
 
 def _of_ratio(name: str, ratio: Ratio) -> Change:
+    change = Change(name, ratio.rmse_a, ratio.rmse_b, ratio.interval, ratio.p_value)
+    if ratio.reason is Reason.ONE_WALK and ratio.ratio is not None:
+        p_value, half = _of_two_walks(ratio.ratio)
+        interval = (ratio.ratio / half, ratio.ratio * half)
+        return dataclasses.replace(change, interval=interval, p_value=p_value, reason="one_walk")
+    if ratio.reason is Reason.ZERO:
+        # What was exact and is not any more has become worse, whatever chance may do.
+        p_value = 0.0 if ratio.rmse_b <= EXACT < ratio.rmse_a else 1.0
+        return dataclasses.replace(change, p_value=p_value, reason="zero")
     reason = None if ratio.reason is None else str(ratio.reason)
-    return Change(name, ratio.rmse_a, ratio.rmse_b, ratio.interval, ratio.p_value, reason)
+    return dataclasses.replace(change, reason=reason)
+
+
+def _of_two_walks(ratio: float) -> tuple[float, float]:
+    """The two-sided p-value of two equal walks' RMSE having this ratio; 95 % are within a factor.
+
+    Of Fisher's F of two and two degrees of freedom, P(F > x) = 1 / (1 + x).
+    """
+    tail = 1.0 / (1.0 + max(ratio, 1.0 / ratio) ** 2)
+    return min(2.0 * tail, 1.0), (1.0 / 0.025 - 1.0) ** 0.5
 
 
 def _of_parameters(name: str, now: Figures, before: Figures) -> Change:
@@ -128,10 +156,21 @@ def _of_parameters(name: str, now: Figures, before: Figures) -> Change:
         for figure in (now, before)
     ]
     if None in shares:
-        return Change(name, *values, None, None, "zero")
+        return _of_a_zero(name, now, before)
     std = math.hypot(*(share for share in shares if share is not None))
     log_ratio = math.log(values[0] / values[1])
     half = _LIMIT_OF_95 * std
     interval = (math.exp(log_ratio - half), math.exp(log_ratio + half))
     p_value = 2.0 * float(ndtr(-abs(log_ratio) / std)) if std > 0.0 else float(log_ratio == 0.0)
     return Change(name, *values, interval, p_value)
+
+
+def _of_a_zero(name: str, now: Figures, before: Figures) -> Change:
+    """Of two of which one is zero or has no standard deviation: as normal, where both have one."""
+    values = (now["value"], before["value"])
+    if now["std"] is None or before["std"] is None:
+        return Change(name, *values, None, None, "zero")
+    std = math.hypot(now["std"], before["std"])
+    apart = abs(values[0] - values[1])
+    p_value = 2.0 * float(ndtr(-apart / std)) if std > 0.0 else float(apart <= EXACT)
+    return Change(name, *values, None, p_value, "zero")
