@@ -133,3 +133,38 @@ def test_half_of_a_recording_stamped_on_arrival_against_the_other(name):
         off = found["ground_truth"][:, :3, 3] - found["estimate"][:, :3, 3]
         errors.append(np.percentile(np.linalg.norm(off, axis=1), 90))
     assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.parametrize(
+    ("rate", "tick", "named"),
+    [
+        (0.7, 1.0, "whole seconds"),
+        (10.0, 1.0, "whole seconds"),
+        (30.0, 0.01, "ticks of 10 ms"),
+        (1.0, 1.0, None),
+    ],
+)
+def test_rounded_stamps_are_named(rate, tick, named):
+    rng = np.random.default_rng(3)
+    profile = Profile(rng, ("drive", 200 if rate < 20.0 else 40))
+    times = np.arange(0.3, profile.duration - 1.0, 1.0 / rate)
+    stamps = np.floor(times / tick) * tick
+    data = samples(stamps, noisy(rng, profile.at(times), 2e-3, 1e-3))
+    asked = np.arange(5.0, profile.duration - 6.0, 0.5)
+    engine, _, _ = scored(data, profile, asked, **{"ground_truth.max_gap": 2.0})
+    found = [f["text"] for f in engine.summary()["ground_truth"]["faults"]]
+    assert any(f"rounded ({named})" in text for text in found) == (named is not None)
+    notices = [notice.code for notice in engine.notices()]
+    # At even intervals nothing tells, but that no clock shows whole seconds by chance.
+    assert ("ground_truth_whole_seconds" in notices) == (named is None)
+    if rate < 1.0:
+        assert engine.summary()["ground_truth"]["fit"]["stamp_std"] > 0.25
+
+
+def test_samples_taken_on_ticks_are_not_rounded():
+    rng = np.random.default_rng(4)
+    profile = Profile(rng, ("hand", 60))
+    times = np.floor(np.arange(0.5, 59.0, 1.0 / 30.0) / 0.01) * 0.01
+    data = samples(times, noisy(rng, profile.at(times), 1e-3, 1e-3))
+    engine, _, _ = scored(data, profile, np.arange(2.0, 57.0, 0.1))
+    assert codes(engine) == []

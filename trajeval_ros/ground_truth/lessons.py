@@ -13,7 +13,7 @@ from trajeval_ros.ground_truth.models import Model
 from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.regimes import Learned
 from trajeval_ros.ground_truth.segment import Segment
-from trajeval_ros.ground_truth.stamps import stamp_noise
+from trajeval_ros.ground_truth.stamps import rounding, stamp_noise
 
 Array = npt.NDArray[np.float64]
 
@@ -148,7 +148,8 @@ def _turns(segment: Segment) -> bool:
 def _stamp_std(segments: list[Segment], accuracy: tuple[float, float]) -> float:
     """How uncertain the stamps are, to a hundredth of a millisecond: as in `_record`."""
     data = [(segment.times, segment.coordinates.round(_DIGITS)) for segment in segments]
-    return round(stamp_noise(data, accuracy), 5)
+    rounded = rounding([segment.samples.stamps for segment in segments], data)
+    return round(max(stamp_noise(data, accuracy, rounded.std), rounded.least), 5)
 
 
 def _is_new(segment: Segment) -> bool:

@@ -41,6 +41,8 @@ _DIFFERENT = 0.01
 _CLEAR = 5.0
 # Ticks without a regular clock behind them are a fault where the stamps are uncertain by so much.
 _UNCERTAIN = 0.1
+# So many whole seconds are no chance.
+_ENOUGH = 10
 # Stamps repeat because they are coarse where so large a share of them do.
 _REPEATED = 0.5
 
@@ -183,6 +185,11 @@ class Stamping:
         return (2.0 * self._for - self._asked) / math.sqrt(max(self._asked, 1))
 
     @property
+    def is_whole_seconds(self) -> bool:
+        """Whether every stamp was a whole second."""
+        return self._coarse.is_whole
+
+    @property
     def is_regular(self) -> bool:
         """Whether the stamps are those of a regular clock that was seen late, or sampled late."""
         period = self._clock.period
@@ -248,6 +255,10 @@ class _Coarse:
         self._count = 0
         self._span = (0, 0)
         self._all = (0, 0)
+
+    @property
+    def is_whole(self) -> bool:
+        return self._whole and self._seen >= _ENOUGH
 
     def add(self, stamps: Stamps) -> None:
         if not len(stamps):

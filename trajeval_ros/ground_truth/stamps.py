@@ -20,11 +20,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.ground_truth.ticks import coarsest
+
 Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
 
 HISTORY = 120
 """So many samples before one may be needed for its slope."""
@@ -46,6 +50,10 @@ _SIGNIFICANT = 3.0
 _RAREST = 0.25
 # An interval counts as no longer than the usual one by so many of it.
 _IRREGULAR = 2.0
+# So large a share of the intervals are unlike the usual one where stamps were rounded.
+_UNEVEN = 0.05
+# A sample tells where it is this share of the time between its neighbours off their midst.
+_DIFFERENT = 0.01
 # Single residuals count as no more than so many times the median of their squares.
 _CLIPPED = 25.0
 
@@ -77,15 +85,62 @@ def slopes(times: Array, coordinates: Array, first: int) -> Array:
     )
 
 
-def stamp_noise(segments: Sequence[tuple[Array, Array]], accuracy: tuple[float, float]) -> float:
+@dataclass(frozen=True, slots=True)
+class Rounding:
+    """What rounding makes the stamps uncertain by, s.
+
+    ``std``: as white noise, if their coarseness is rounding; ``least``: what they are uncertain by
+    where the poses say so and the samples are too rare to learn it.
+    """
+
+    std: float
+    least: float
+
+
+def rounding(stamps: Sequence[Stamps], segments: Sequence[tuple[Array, Array]]) -> Rounding:
+    """How coarse the ``stamps`` (n,) of segments are; ``segments`` as for `stamp_noise`."""
+    if not len(stamps):
+        return Rounding(0.0, 0.0)
+    steps = np.concatenate([np.diff(each) for each in stamps])
+    usual = float(np.median(steps))
+    tick = coarsest(np.concatenate(stamps), usual)
+    uneven = np.abs(steps - usual) > 0.5 * tick
+    if not tick or uneven.mean() < _UNEVEN:
+        return Rounding(0.0, 0.0)
+    std = 1e-9 * tick / math.sqrt(12.0)
+    if usual < 1e9 * _RAREST or _evenly(segments) < _SIGNIFICANT:
+        return Rounding(std, 0.0)
+    # Most programs cut off: then a stamp is early by up to a tick.
+    return Rounding(std, 2.0 * std)
+
+
+def _evenly(segments: Sequence[tuple[Array, Array]]) -> float:
+    """How clearly the samples were taken at even times, in standard deviations of a coin's."""
+    balance, count = 0, 0
+    for times, x in segments:
+        share = (times[2:] - times[1:-1]) / (times[2:] - times[:-2])
+        tells = np.abs(share - 0.5) > _DIFFERENT
+        sizes = []
+        for a in (share, np.full(len(share), 0.5)):
+            residual = x[1:-1] - a[:, None] * x[:-2] - (1.0 - a[:, None]) * x[2:]
+            residual /= np.sqrt(1.0 + a**2 + (1.0 - a) ** 2)[:, None]
+            sizes.append((residual.reshape(-1, 2, 3) ** 2).sum(axis=2)[tells])
+        balance += int(np.sign(sizes[0] - sizes[1]).sum())
+        count += 2 * int(tells.sum())
+    return balance / math.sqrt(max(count, 1))
+
+
+def stamp_noise(
+    segments: Sequence[tuple[Array, Array]], accuracy: tuple[float, float], rounded: float = 0.0
+) -> float:
     """The standard deviation ``σ_t`` of the stamps, s; zero where it does not show.
 
     ``segments``: ``times`` (n,) s and ``coordinates`` (n, 6) of each; ``accuracy``: the
-    instrument's, of translation (m) and rotation (rad).
+    instrument's, of translation (m) and rotation (rad); ``rounded``: what rounding explains of it.
     """
     if sum(len(times) >= _FEWEST_SAMPLES for times, _ in segments) < _FEWEST_SEGMENTS:
         return 0.0
-    most = _of_intervals([times for times, _ in segments])
+    most = max(_of_intervals([times for times, _ in segments]), rounded**2)
     found = [
         _of_group([(t, x[:, 3 * g : 3 * g + 3]) for t, x in segments], accuracy[g], most)
         for g in (0, 1)

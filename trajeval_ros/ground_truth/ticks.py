@@ -28,8 +28,12 @@ _UNLIKE, _EVENLY = 0.05, 1.3
 
 def resolution(stamps: Stamps) -> int:
     """The coarsest ticks (ns) that all ``stamps`` (n,) are on; 0 for ticks that do not matter."""
+    return coarsest(stamps, float(np.median(np.diff(stamps))))
+
+
+def coarsest(stamps: Stamps, usual: float) -> int:
+    """The same of stamps in any order, ``usual`` (ns) being the usual interval."""
     since = stamps - stamps[0]
-    usual = float(np.median(np.diff(stamps)))
     for tick in _TICKS:
         if tick < _MATTERS * usual:
             break

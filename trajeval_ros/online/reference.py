@@ -122,15 +122,23 @@ class Reference:
         return tuple(found[code] for code in EXPLANATIONS if code in found)
 
     def faulty(self) -> tuple[Notice, ...]:
-        """What is wrong with the ground truth."""
-        return tuple(
+        """What is wrong with the ground truth, or may be."""
+        faults = self.faults
+        named = tuple(
             Notice(
                 "warning",
                 f"{_OF_GROUND_TRUTH}{fault.code}",
                 f"ground truth: {fault.text} ({_when(fault)})",
             )
-            for fault in self.faults
+            for fault in faults
         )
+        if not self._stamping.is_whole_seconds or any(f.code == "stamps_quantised" for f in faults):
+            return named
+        text = (
+            "the ground truth's stamps are whole seconds: right for satellites' epochs; if they "
+            "were rounded, all of them are off by up to a second"
+        )
+        return (*named, Notice("info", f"{_OF_GROUND_TRUTH}whole_seconds", text))
 
     def health(self) -> TopicHealth:
         """Return the topic's account."""
