@@ -45,7 +45,7 @@ _EXPLANATIONS = {
     Reason.NEGATIVE_STAMP: "the stamp is before 1970",
     Reason.ZERO_STAMP: "the stamp is zero, so it was not set",
     Reason.DUPLICATE_STAMP: "the stamp repeats the one before",
-    Reason.OUT_OF_ORDER: "the stamp is earlier than one that came before",
+    Reason.OUT_OF_ORDER: "the stamp is max_wait before one that came, or before what is scored",
     Reason.SUPERSEDED: "a later row of the file has the same stamp, and counts",
     Reason.STAMP_JUMP: "the stamp leaps ahead of those around it",
     Reason.OUTLIER: "it lies far from the samples before and after it",

@@ -115,7 +115,12 @@ class Presence:
         self._longest: Stamps = np.empty((0, 2), dtype=np.int64)
 
     def add(self, stamps: Stamps) -> None:
-        """Take ``stamps`` (n,) ns, later than all before."""
+        """Take ``stamps`` (n,) ns, increasing; those that are not later than all before, too."""
+        if self.last is not None and len(stamps) and stamps[0] <= self.last:
+            count = int(np.searchsorted(stamps, self.last, side="right"))
+            for stamp in stamps[:count].tolist():
+                self._insert(stamp)
+            stamps = stamps[count:]
         if not len(stamps):
             return
         before = stamps[:1] if self.last is None else np.array([self.last])
@@ -128,6 +133,14 @@ class Presence:
         self._longest = found[order]
         self.first = int(stamps[0]) if self.first is None else self.first
         self.last = int(stamps[-1])
+
+    def _insert(self, stamp: int) -> None:
+        """Divide the interval in which a late pose lies, if it is one of the longest."""
+        inside = (self._longest[:, 0] < stamp) & (stamp < self._longest[:, 1])
+        if inside.any():
+            begin, end = self._longest[inside][0].tolist()
+            parts = np.array([[begin, stamp], [stamp, end]], dtype=np.int64)
+            self._longest = np.concatenate([self._longest[~inside], parts])
 
     @property
     def usual_interval(self) -> float | None:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is let in: finite poses with a rotation, in the order of their stamps.
 
+One that comes after later ones is let in where its owner says that it still has a place.
+
 A pose is judged by itself and by the poses of its own topic that came before, so what is let in
 does not depend on how two topics interleave. One wrong stamp must not cost the poses after it: a
 stamp that leaps ahead is held back until the next pose tells whether time really went on.
@@ -9,6 +11,7 @@ stamp that leaps ahead is held back until the next pose tells whether time reall
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +27,9 @@ Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
+Late = Callable[[int, int], bool]
+"""Whether a pose that came after later ones can still be taken at its stamp (ns); the second is the
+stamp of the newest."""
 
 # A stamp further than this (ns) after the one before is held back until it is confirmed ...
 LEAP = 500_000_000
@@ -93,8 +99,11 @@ class Intake:
             account.first_rejected,
         )
 
-    def accept(self, samples: PoseSamples) -> Accepted:
-        """Return what may pass of the new ``samples``; count the rest."""
+    def accept(self, samples: PoseSamples, late: Late | None = None) -> Accepted:
+        """Return what may pass of the new ``samples``, by stamp; count the rest.
+
+        Without ``late`` none passes that is not later than all before.
+        """
         places = self.account.received + np.arange(len(samples))
         self.account.received += len(samples)
         valid = np.ones(len(samples), dtype=np.bool_)
@@ -103,7 +112,7 @@ class Intake:
             if len(found):
                 self.account.reject(reason, len(found), int(found[0]))
                 valid &= ~wrong
-        return self._convert(self._in_order(_Arrived(samples, places).where(valid)))
+        return self._convert(self._in_order(_Arrived(samples, places).where(valid), late))
 
     @property
     def held_stamp(self) -> int | None:
@@ -155,8 +164,8 @@ class Intake:
             faults.append((Reason.INVALID_COVARIANCE, _invalid(samples.covariances)))
         return faults
 
-    def _in_order(self, arrived: _Arrived) -> PoseSamples:
-        """Keep increasing stamps; hold back a leap."""
+    def _in_order(self, arrived: _Arrived, late: Late | None) -> PoseSamples:
+        """Keep increasing stamps, and late ones that still have a place; hold back a leap."""
         samples, stamps = arrived.samples, arrived.samples.stamps
         if len(stamps) == 0:
             return samples
@@ -165,13 +174,14 @@ class Intake:
             if ((stamps > before) & (stamps - before <= LEAP)).all():
                 self._let_in(int(stamps[-1]))
                 return samples
-        return self._in_order_one_by_one(arrived)
+        return self._in_order_one_by_one(arrived, late)
 
-    def _in_order_one_by_one(self, arrived: _Arrived) -> PoseSamples:
+    def _in_order_one_by_one(self, arrived: _Arrived, late: Late | None) -> PoseSamples:
         """The same where something is wrong with the order; those before a pose judge it."""
         held, arrived = self._held, _joined(self._held, arrived)
         samples, places = arrived.samples, arrived.places
         keep: list[int] = []
+        kept: set[int] = set()
         waiting = None if held is None else 0
         for i in range(0 if held is None else 1, len(samples)):
             stamp = int(samples.stamps[i])
@@ -179,8 +189,13 @@ class Intake:
                 self._reject(Reason.DUPLICATE_STAMP, places[i])
                 continue
             if self._last is not None and stamp <= self._last:
-                same = stamp == self._last
-                self._reject(Reason.DUPLICATE_STAMP if same else Reason.OUT_OF_ORDER, places[i])
+                if stamp == self._last:
+                    self._reject(Reason.DUPLICATE_STAMP, places[i])
+                elif late is None or stamp in kept or not late(stamp, self._last):
+                    self._reject(Reason.OUT_OF_ORDER, places[i])
+                else:
+                    keep.append(i)
+                    kept.add(stamp)
                 continue
             if waiting is not None:
                 before = int(samples.stamps[waiting])
@@ -190,16 +205,18 @@ class Intake:
                     self._reject(Reason.ZERO_STAMP, places[waiting])
                 else:
                     keep.append(waiting)
+                    kept.add(before)
                     self._let_in(before)
                 waiting = None
             if self._last is None or stamp - self._last > LEAP:
                 waiting = i
             else:
                 keep.append(i)
+                kept.add(stamp)
                 self._let_in(stamp)
         index = np.arange(len(samples))
         self._held = None if waiting is None else arrived.where(index == waiting)
-        return _select(samples, np.isin(index, keep))
+        return _by_stamp(_select(samples, np.isin(index, keep)))
 
     def _reject(self, reason: Reason, place: np.int64) -> None:
         self.account.reject(reason, 1, int(place))
@@ -243,6 +260,16 @@ def _select(samples: PoseSamples, mask: Mask) -> PoseSamples:
     covariances = None if samples.covariances is None else samples.covariances[mask]
     return PoseSamples(
         samples.stamps[mask], samples.positions[mask], samples.quaternions[mask], covariances
+    )
+
+
+def _by_stamp(samples: PoseSamples) -> PoseSamples:
+    if (samples.stamps[1:] > samples.stamps[:-1]).all():
+        return samples
+    order = np.argsort(samples.stamps)
+    covariances = None if samples.covariances is None else samples.covariances[order]
+    return PoseSamples(
+        samples.stamps[order], samples.positions[order], samples.quaternions[order], covariances
     )
 
 

@@ -59,19 +59,23 @@ class _Pending:
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def where(self, mask: Mask) -> _Pending:
+    def where(self, mask: Mask | Stamps) -> _Pending:
         covariances = None if self.covariances is None else self.covariances[mask]
         return _Pending(self.stamps[mask], self.poses[mask], covariances)
 
     def joined(self, later: _Pending) -> _Pending:
+        """With poses that came later, by stamp."""
         covariances = later.covariances
         if self.covariances is not None and later.covariances is not None:
             covariances = np.concatenate([self.covariances, later.covariances])
-        return _Pending(
+        both = _Pending(
             np.concatenate([self.stamps, later.stamps]),
             np.concatenate([self.poses, later.poses]),
             covariances,
         )
+        if self.stamps[-1] < later.stamps[0]:
+            return both
+        return both.where(np.argsort(both.stamps))
 
 
 _NOBODY = _Pending(np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), None)
@@ -99,6 +103,7 @@ class Track:
         self._joint = JointCovariance() if evaluation.joint else None
         self._pending = self._chosen = _NOBODY
         self._newest_estimate: int | None = None
+        self._decided: int | None = None  # stamp of the newest pose that has been chosen or judged
         self._withdrawn = Withdrawn()
         self._first_singular: int | None = None
         self._doubts = CovarianceDoubts()
@@ -121,7 +126,14 @@ class Track:
         """Take poses, in the order of their arrival."""
         if samples.covariances is not None and self._settings.use_covariance:
             self._doubts.look_at(samples.covariances)
-        self._append(self._estimates.accept(samples))
+        self._append(self._estimates.accept(samples, self._late))
+
+    def _late(self, stamp: int, newest: int) -> bool:
+        """Whether a pose with a stamp before the ``newest`` (ns, its own) still has a place."""
+        at = stamp + self._settings.time_offset
+        undecided = self._decided is None or at > self._decided
+        in_time = newest - stamp <= self._timing.max_wait
+        return undecided and in_time and at not in self._pending.stamps
 
     def add_ground_truth(self, samples: Samples) -> None:
         """Take samples of the ground truth, beside what `Reference` answers."""
@@ -138,7 +150,8 @@ class Track:
             covariances = adjoint @ covariances @ adjoint.T
         stamps = accepted.stamps + self._settings.time_offset
         arrived = _Pending(stamps, se3.compose(accepted.poses, self._from_body), covariances)
-        self._newest_estimate = int(stamps[-1])
+        newest = self._newest_estimate
+        self._newest_estimate = int(stamps[-1]) if newest is None else max(newest, int(stamps[-1]))
         self._presence.add(stamps)
         self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
 
@@ -198,6 +211,7 @@ class Track:
     def _choose(self, count: int) -> Question:
         """Decide which of the ``count`` oldest pending estimates are evaluated."""
         if count:
+            self._decided = int(self._pending.stamps[count - 1])
             index = np.arange(len(self._pending)) < count
             chosen, self._pending = self._pending.where(index), self._pending.where(~index)
             self._chosen = chosen.where(self._judge(chosen.stamps))
@@ -333,7 +347,9 @@ class Track:
         oldest = newest - self._timing.patience - self._timing.max_wait
         waiting = newest if self._newest_estimate is not None else oldest
         if self._newest_estimate is not None:
-            waiting = min(waiting, self._newest_estimate)
+            # Late ones may come, but not before what has been decided.
+            late = self._newest_estimate - self._timing.max_wait
+            waiting = min(waiting, late if self._decided is None else max(late, self._decided))
         if len(self._pending):
             waiting = min(waiting, int(self._pending.stamps[0]))
         if held is not None:
