@@ -107,11 +107,11 @@ def rounding(stamps: Sequence[Stamps], segments: Sequence[tuple[Array, Array]]) 
     uneven = np.abs(steps - usual) > 0.5 * tick
     if not tick or uneven.mean() < _UNEVEN:
         return Rounding(0.0, 0.0)
-    std = 1e-9 * tick / math.sqrt(12.0)
-    if usual < 1e9 * _RAREST or _evenly(segments) < _SIGNIFICANT:
-        return Rounding(std, 0.0)
+    if usual <= 1e9 * _RAREST:
+        return Rounding(1e-9 * tick / math.sqrt(12.0), 0.0)
     # Most programs cut off: then a stamp is early by up to a tick.
-    return Rounding(std, 2.0 * std)
+    told = _evenly(segments) > _SIGNIFICANT
+    return Rounding(0.0, 1e-9 * tick / math.sqrt(3.0) if told else 0.0)
 
 
 def _evenly(segments: Sequence[tuple[Array, Array]]) -> float:
