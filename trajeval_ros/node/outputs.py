@@ -24,14 +24,18 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
 from trajeval_ros import se3
+from trajeval_ros.node.inputs import QUEUE_DEPTH
 from trajeval_ros.online.results import Evaluations, Results
 from trajeval_ros.runs.statuses import NUMBERS
 
 Array = npt.NDArray[np.float64]
 
 _SECOND = 1_000_000_000
-# A reader that is slower than this loses the oldest messages; the node does not wait for it.
+# A reader that is slower than this loses the oldest messages; the node does not wait for it. Of
+# figures the newest counts. What there is of each pose comes in bursts: of all poses that waited
+# for their ground truth, at once.
 _QUALITY = QoSProfile(depth=100)
+_OF_EACH_POSE = QoSProfile(depth=QUEUE_DEPTH)
 # Name of the body frame in the error vectors where no message gives one.
 _BODY = "body"
 
@@ -47,13 +51,14 @@ class Outputs:
     def __init__(self, node: Node, below: str = "") -> None:
         """Advertise the topics below the node's own name, or ``below`` it, such as ``vins/``."""
 
-        def publisher(kind: type, topic: str) -> Publisher:
-            return node.create_publisher(kind, topic, _QUALITY)
+        def publisher(kind: type, topic: str, quality: QoSProfile = _OF_EACH_POSE) -> Publisher:
+            return node.create_publisher(kind, topic, quality)
 
         self._relative = publisher(Float64, f"~/{below}relative/log_likelihood")
-        self._absolute = publisher(Float64, f"~/{below}absolute/log_likelihood")
+        self._absolute = publisher(Float64, f"~/{below}absolute/log_likelihood", _QUALITY)
         self._numbers = {
-            where: publisher(Float64, f"~/{below}{topic}") for topic, where in NUMBERS.items()
+            where: publisher(Float64, f"~/{below}{topic}", _QUALITY)
+            for topic, where in NUMBERS.items()
         }
         self._pose = publisher(PoseWithCovarianceStamped, f"~/{below}ground_truth/pose")
         self._errors = {
