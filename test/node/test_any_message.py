@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
+
 import data
 import pytest
 from geometry_msgs.msg import PointStamped, PoseArray, PoseStamped
@@ -12,6 +15,7 @@ from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 
 from trajeval_ros.node.any_message import FieldError, import_type, pose_path, stamp_path
+from trajeval_ros.online.axes import turned
 from trajeval_ros.online.parameters import ParameterError, complete
 
 pytestmark = pytest.mark.ros
@@ -76,6 +80,42 @@ def test_a_field_that_is_no_pose_says_why(kind: type, field: str, words: str) ->
         pose_path(kind, kind.__name__, field)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_px4s_odometry(graph: Graph) -> None:
+    """Arrays of floats, w x y z, microseconds; north, east, down and forward, right, down."""
+    px4 = pytest.importorskip("px4_msgs.msg", reason="px4_msgs is not installed")
+    graph.start_evaluator(
+        estimate__type="px4_msgs/msg/VehicleOdometry",
+        estimate__field=json.dumps("."),
+        estimate__stamp_field="timestamp_sample",
+        estimate__axes="ned_frd",
+        **FIXED,
+    )
+    truth = graph.publisher("ground_truth", Odometry)
+    estimate = graph.publisher("estimate", px4.VehicleOdometry)
+    graph.until_heard(truth, estimate)
+    for each in data.messages(Odometry, TRUTH):
+        truth.publish(each)
+    # Its own inverse.
+    for made in data.messages(PoseStamped, turned(ESTIMATE, "ned_frd")):
+        stamp, at, to = made.header.stamp, made.pose.position, made.pose.orientation
+        sent = px4.VehicleOdometry(timestamp_sample=stamp.sec * 10**6 + stamp.nanosec // 1000)
+        sent.position, sent.q = [at.x, at.y, at.z], [to.w, to.x, to.y, to.z]
+        estimate.publish(sent)
+    values = graph.until_accounted("estimate", len(ESTIMATE))
+    assert int(values["rejected"]) == 0
+    graph.until(
+        lambda: int(values_of(graph.health()["estimate"])["evaluated"]) > 50, "evaluated poses"
+    )
+    assert "likely_cause" not in str(values_of(graph.health()["consistency"]))
+
+
+def test_px4s_odometry_where_it_is_not_installed(graph: Graph) -> None:
+    if importlib.util.find_spec("px4_msgs"):
+        pytest.skip("px4_msgs is installed")
+    graph.start_evaluator(estimate__type="px4_msgs/msg/VehicleOdometry", **FIXED)
+    graph.until_health("estimate", "the package px4_msgs is not installed", level=2)
 
 
 def test_a_field_without_a_type_is_refused() -> None:

@@ -21,6 +21,12 @@ from trajeval_ros.online.samples import PoseSamples
 _STEP = re.compile(r"([A-Za-z]\w*)(?:\[([^\]]*)\])?(?:\.|$)")
 _ELEMENT = re.compile(r"(?:sequence<)?([^<>,\[\]]+)(?:, \d+>|>|\[\d+\])")
 _POSES = (("position", "orientation"), ("translation", "rotation"))
+# As PX4 has it: arrays, the quaternion as w x y z.
+_ARRAYS = ("position", "q")
+# What an integer counts, ns, by the end of its name; otherwise, as PX4's, microseconds.
+_UNITS = {"_ns": 1, "_nsec": 1, "_ms": 1_000_000}
+_MICROSECOND = 1_000
+_LATEST = 2**63 - 1
 _XYZ = {"x", "y", "z"}
 
 
@@ -108,9 +114,8 @@ class AnyInput(Input):
                 missing = str(error)
                 undecodable += 1
                 continue
-            at, turned = getattr(pose, self._at), getattr(pose, self._turned)
-            stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
-            rows.append((at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w))
+            stamps.append(_nanoseconds(stamp, self._stamp[-1].name))
+            rows.append(_numbers(getattr(pose, self._at), getattr(pose, self._turned)))
             frames.append(str(getattr(getattr(message, "header", None), "frame_id", "")))
             child_frame = str(getattr(message, "child_frame_id", ""))
         self._missing = None if stamps else missing
@@ -147,6 +152,8 @@ def pose_path(kind: Any, type_name: str, field: str) -> tuple[tuple[_Step, ...],
     for at, turned in _POSES:
         if at in fields and turned in fields:
             return path, (at, turned)
+    if [_length(fields.get(name, "")) for name in _ARRAYS] == [3, 4]:
+        return path, _ARRAYS
     if set(fields) == _XYZ:
         raise FieldError(
             f"field {field} of {type_name} is a position only, which cannot be evaluated live:"
@@ -159,11 +166,31 @@ def pose_path(kind: Any, type_name: str, field: str) -> tuple[tuple[_Step, ...],
 def stamp_path(kind: Any, type_name: str, field: str) -> tuple[_Step, ...]:
     """Return the way to the stamp."""
     path, found = _resolve(kind, type_name, field)
-    if set(_fields_of(found)) != {"sec", "nanosec"}:
+    if path and set(_fields_of(found)) != {"sec", "nanosec"} and "int" not in found:
         raise FieldError(
             f"stamp_field {field} of {type_name} is no ROS time, it is of type {found}"
         )
     return path
+
+
+def _length(found: str) -> int:
+    """How many numbers an array of a fixed length has, such as ``float[3]``; 0 for what is none."""
+    match = re.fullmatch(r"(?:float|double)\[(\d+)\]", found)
+    return int(match[1]) if match else 0
+
+
+def _nanoseconds(stamp: Any, name: str) -> int:
+    if isinstance(stamp, int):
+        ends = (unit for end, unit in _UNITS.items() if name.endswith(end))
+        return min(stamp * next(ends, _MICROSECOND), _LATEST)
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _numbers(at: Any, turned: Any) -> tuple[float, ...]:
+    if hasattr(at, "x"):
+        return (at.x, at.y, at.z, turned.x, turned.y, turned.z, turned.w)
+    w, *xyz = map(float, turned)
+    return (*map(float, at), *xyz, w)
 
 
 def _follow(path: Sequence[_Step], message: Any) -> Any:
@@ -174,7 +201,9 @@ def _follow(path: Sequence[_Step], message: Any) -> Any:
 
 def _resolve(kind: Any, type_name: str, field: str) -> tuple[tuple[_Step, ...], str]:
     """Return the steps of a field, and the type it is of; raises FieldError."""
-    path = []
+    path: list[_Step] = []
+    if field == ".":
+        return (), type_name
     fields, where, found, position = kind.get_fields_and_field_types(), type_name, type_name, 0
     while position < len(field):
         match = _STEP.match(field, position)

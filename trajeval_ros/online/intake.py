@@ -20,6 +20,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.likelihood.gaussian import is_indefinite
 from trajeval_ros.online.accounting import Account, Reason
+from trajeval_ros.online.axes import AS_GIVEN, turned
 from trajeval_ros.online.results import TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 
@@ -68,10 +69,11 @@ class _Arrived:
 class Intake:
     """The gate of one topic."""
 
-    def __init__(self, use_covariance: bool) -> None:
-        """Covariances are checked and passed on if ``use_covariance``."""
+    def __init__(self, use_covariance: bool, axes: str = AS_GIVEN) -> None:
+        """Covariances are checked and passed on if ``use_covariance``; ``axes``: of the poses."""
         self.account = Account()
         self._use_covariance = use_covariance
+        self._axes = axes
         self._last: int | None = None
         self._held: _Arrived | None = None
         self.first: int | None = None
@@ -104,6 +106,7 @@ class Intake:
 
         Without ``late`` none passes that is not later than all before.
         """
+        samples = turned(samples, self._axes)
         places = self.account.received + np.arange(len(samples))
         self.account.received += len(samples)
         valid = np.ones(len(samples), dtype=np.bool_)

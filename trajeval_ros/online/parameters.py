@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS, LEAST_NOISE
+from trajeval_ros.online.axes import AS_GIVEN, AXES
 
 Value = str | bool | int | float | tuple[float, ...] | tuple[str, ...]
 
@@ -115,6 +116,8 @@ MESSAGE_TYPES = (
     "Path",
 )
 
+TRANSFORM_TYPES = ("TFMessage", "tf2_msgs/msg/TFMessage")
+
 _TYPE = r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*"
 _TOPIC = r"~?/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*(:[^:.]+\.[^:]+)?"
 
@@ -133,7 +136,7 @@ def _topic(name: str, title: str) -> tuple[Parameter, ...]:
             "auto",
             f"Message type of the {title}, also any installed one as package/msg/Type; auto takes"
             " the type of its publishers",
-            choices=("auto", *MESSAGE_TYPES),
+            choices=("auto", *MESSAGE_TYPES, "TFMessage"),
             is_open=True,
         ),
         Parameter(
@@ -146,6 +149,13 @@ def _topic(name: str, title: str) -> tuple[Parameter, ...]:
             f"{name}.stamp_field",
             "header.stamp",
             f"Field of the {title}'s stamp, a ROS time, where type is package/msg/Type",
+        ),
+        Parameter(
+            f"{name}.axes",
+            AS_GIVEN,
+            f"World and body axes of the {title}: ned_frd (north, east, down; forward, right,"
+            " down, as PX4) is turned to ROS's",
+            choices=AXES,
         ),
         Parameter(
             f"{name}.reliability",
@@ -470,6 +480,7 @@ def complete(values: Mapping[str, object], names: Sequence[str] = ONE) -> dict[s
     if "extrinsic" in merged:
         _agree(merged, "extrinsic", f"{names[0]}.extrinsic")
     _check_fields(merged)
+    _check_transforms(merged)
     if merged["segment.min_samples"] > merged["segment.max_samples"]:  # type: ignore[operator]
         raise ParameterError("segment.min_samples must not exceed segment.max_samples")
     delta = merged["relative.delta"]
@@ -495,6 +506,22 @@ def _check_fields(values: Mapping[str, Value]) -> None:
             continue
         if value != PARAMETERS[f"ground_truth.{part}"].default:
             raise ParameterError(f"{name} needs {source}.type to be a package/msg/Type")
+
+
+def _check_transforms(values: Mapping[str, Value]) -> None:
+    """Transforms are named, and nothing else is."""
+    for name, value in values.items():
+        source, _, part = name.rpartition(".")
+        if part != "type":
+            continue
+        named = ":" in str(values[f"{source}.topic"])
+        if value in TRANSFORM_TYPES and not named:
+            raise ParameterError(
+                f"{name} {value} is many transforms: name one, as in"
+                f" {source}.topic: /tf:map.base_link"
+            )
+        if named and value not in ("auto", *TRANSFORM_TYPES):
+            raise ParameterError(f"{source}.topic names a transform, but {name} is {value}")
 
 
 def _agree(values: dict[str, Value], *pair: str) -> None:

@@ -35,7 +35,7 @@ class Reference:
     def __init__(self, settings: GroundTruthSettings) -> None:
         """Start without samples."""
         self._learned = settings.learned
-        self._intake = Intake(settings.use_covariance)
+        self._intake = Intake(settings.use_covariance, settings.axes)
         self._faults = Faults()
         self._stamping = Stamping(settings.regularize_stamps)
         process = settings.process

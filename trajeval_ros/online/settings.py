@@ -22,6 +22,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
     Hyperparameters,
 )
 from trajeval_ros.ground_truth.segmentation import SegmentShape
+from trajeval_ros.online.axes import AS_GIVEN
 from trajeval_ros.online.parameters import ONE, Value
 
 Array = npt.NDArray[np.float64]
@@ -49,12 +50,13 @@ class EstimateSettings:
     """What is an estimate's own.
 
     ``time_offset`` (ns) is added to its stamps; ``extrinsic``: its body frame in the ground truth's
-    body frame, x y z qx qy qz qw.
+    body frame, x y z qx qy qz qw; ``axes``: those of its world and body, of `online.axes`.
     """
 
     use_covariance: bool
     time_offset: int
     extrinsic: tuple[float, ...]
+    axes: str = AS_GIVEN
 
     @property
     def from_body(self) -> Array:
@@ -84,6 +86,7 @@ class GroundTruthSettings:
     process: trajectory.Settings
     use_covariance: bool
     learned: bool
+    axes: str = AS_GIVEN
     regularize_stamps: bool = False
 
 
@@ -106,6 +109,7 @@ def settings_of(values: Mapping[str, Value], names: Sequence[str] = ONE) -> Sett
             process=_process(read),
             use_covariance=read.flag("ground_truth.use_covariance"),
             learned=read.text("gp.hyperparameters") == "auto",
+            axes=read.text("ground_truth.axes"),
             regularize_stamps=regularize,
         ),
         timing=Timing(
@@ -126,6 +130,7 @@ def settings_of(values: Mapping[str, Value], names: Sequence[str] = ONE) -> Sett
                 use_covariance=read.flag(f"{name}.use_covariance"),
                 time_offset=read.nanoseconds(f"{name}.time_offset"),
                 extrinsic=read.numbers(f"{name}.extrinsic"),
+                axes=read.text(f"{name}.axes"),
             )
             for name in names
         },

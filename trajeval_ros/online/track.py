@@ -98,7 +98,7 @@ class Track:
         self._reference = reference
         self._ground_truth = reference.ground_truth
         self._from_body = settings.from_body
-        self._estimates = Intake(settings.use_covariance)
+        self._estimates = Intake(settings.use_covariance, settings.axes)
         self._evaluation = Evaluation(evaluation)
         self._joint = JointCovariance() if evaluation.joint else None
         self._pending = self._chosen = _NOBODY

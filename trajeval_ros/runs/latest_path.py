@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.conventional.running import RunningConventional
+from trajeval_ros.online.axes import turned
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import EstimateSettings, EvaluationSettings
@@ -42,7 +43,7 @@ class LatestPath:
     def __init__(self, settings: EvaluationSettings, estimate: EstimateSettings) -> None:
         """Start without poses."""
         self._settings = settings
-        self._from_body = estimate.from_body
+        self._from_body, self._axes = estimate.from_body, estimate.axes
         self._offset = estimate.time_offset
         self.path: PoseSamples | None = None
         """The latest trajectory, as published."""
@@ -87,6 +88,7 @@ class LatestPath:
         return True
 
     def _scored(self, path: PoseSamples) -> Figures:
+        path = turned(path, self._axes)
         usable = _usable(path)
         stamps = path.stamps[usable]
         places = np.searchsorted(stamps, self._stamps)
