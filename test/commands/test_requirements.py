@@ -4,6 +4,7 @@
 
 import argparse
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ from test_evaluate import evaluate
 
 from trajeval_ros.commands import evaluate as command
 from trajeval_ros.commands.console import UsageError
-from trajeval_ros.commands.requirements import Requirement, judge
+from trajeval_ros.commands.requirements import Requirement, check, judge
 from trajeval_ros.commands.simulate import write_files
+from trajeval_ros.commands.summary_paths import why_unknown
 
 SUMMARY: dict[str, Any] = {
     "estimate": {"received": 12, "evaluated": 10, "rejected": {"out_of_order": 2}},
@@ -79,15 +81,48 @@ def test_the_line_has_the_value() -> None:
     [
         ("conventional.ate_translation_rsme", "conventional.ate_translation_rmse"),
         ("ate_translation_rmse", "conventional.ate_translation_rmse"),
-        ("estimate.rejected.lost", "estimate.re"),
+        ("conventional.ate", "conventional.ate_translation_rmse"),
+        ("estimate.rejected.lost", "estimate.rejected."),
         ("error_model.translation.jitter_std", "error_model.translation.jitter_std.value"),
-        ("error_model.jumps", "error_model"),
+        # Also where this summary has no error model, or not this one.
+        ("error_model.translation.jiter_std.value", "error_model.translation.jitter_std.value"),
+        ("error_model.translation.wonder_std.value", "error_model.translation.wander_std.value"),
+        ("window.error_modell.poses", "window.error_model.poses"),
+        ("error_model.jumps", "error_model.jumps.0.stamp"),
         ("estimate", "estimate.received"),
     ],
 )
 def test_an_unknown_path_names_those_near_it(path: str, near: str) -> None:
-    with pytest.raises(UsageError, match=f"no figure {path}.*near it: .*{near}"):
-        verdict(f"{path} < 1")
+    with pytest.raises(UsageError, match=f"no summary has a figure {path}; near it: .*{near}"):
+        check([Requirement.of(f"{path} < 1")], ["estimate"])
+
+
+def test_a_group_is_there_or_is_not() -> None:
+    for text, holds in (("error_model != null", True), ("window == null", True)):
+        check([Requirement.of(text)], ["estimate"])
+        assert verdict(text)[0] == holds
+
+
+def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, below in items:
+            yield from leaves(below, (*path, str(key)))
+    else:
+        yield path
+
+
+def test_every_figure_can_be_asked_for(run: tuple[str, str], tmp_path: Path) -> None:
+    """Of one, of several: what a summary has is what `check` knows."""
+    assert command.main(["tum", *run, "--output", str(tmp_path / "one"), "--quiet"]) == 0
+    assert command.main(["tum", *run, run[1], "--output", str(tmp_path / "two"), "--quiet"]) == 0
+    for folder, names in (("one", ["estimate"]), ("two", ["estimate", "estimate_2"])):
+        summary = json.loads((tmp_path / folder / "summary.json").read_text(encoding="utf-8"))
+        estimates = summary.pop("estimates", {})
+        for path in (*leaves(summary), *leaves(next(iter(estimates.values()), {}))):
+            # A parameter's dots are no way down.
+            if path[0] not in ("parameters", "likely_causes") or "." not in path[1]:
+                assert why_unknown(path, names, group=True) is None
 
 
 @pytest.mark.parametrize(
@@ -117,7 +152,9 @@ def test_of_several_each_or_one() -> None:
     assert said("ground_truth.used > 5") == [(True, "ground_truth.used > 5: it is 7")]
     assert said("comparison.0.p_value > 0.05")[0][0]
     with pytest.raises(UsageError, match=r"near it: a\.conventional\.poses"):
-        said("a.conventional.pose > 5")
+        check([Requirement.of("a.conventional.pose > 5")], ["a", "b"])
+    for text in ("comparison.0.re_translation.p_value > 0.05", "b.coverage.time > 0.9"):
+        check([Requirement.of(text)], ["a", "b"])
 
 
 @pytest.fixture(scope="module")
@@ -140,9 +177,11 @@ def test_exit_codes_of_a_process(run: tuple[str, str], tmp_path: Path) -> None:
     assert lines[1] == "evaluate: error: required: gauge == sim3: it is se3"
     # What failed is there to be looked at.
     assert (tmp_path / "report.html").is_file()
-    result = evaluate("tum", *run, "--require", "conventional.ate < 1")
+    # Before the run, which may take long.
+    result = evaluate("tum", "none.txt", "none.txt", "--require", "conventional.ate < 1")
     assert result.returncode == 2
-    assert "--require: the summary has no figure conventional.ate; near it: " in result.stderr
+    assert "--require: no summary has a figure conventional.ate; near it: " in result.stderr
+    assert result.stdout == ""
     result = evaluate("tum", *run, "--require", "conventional.ate_translation_rmse = 1")
     assert result.returncode == 2
     assert result.stdout == ""

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from trajeval_ros.commands import completion, console
-from trajeval_ros.commands.requirements import Requirement, judge
+from trajeval_ros.commands.requirements import Requirement, check, judge
 
 if TYPE_CHECKING:
     from trajeval_ros.commands.exports import Exports
@@ -162,6 +162,7 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
 
     arguments = inputs.recognised(arguments)
     names = inputs.names_of(arguments.estimate)
+    check(arguments.require, names)
     parameters = settings.read(arguments.params, arguments.assignments, names)
     # Before this run's files take their place.
     earlier = baseline.read(arguments.baseline, names) if arguments.baseline else {}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from trajeval_ros.commands.console import UsageError
-from trajeval_ros.online.accounting import Reason
+from trajeval_ros.commands.summary_paths import why_unknown
 
 Figures = Mapping[str, Any]
 Scalar = float | int | str | bool | None
@@ -27,18 +27,6 @@ _OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
 }
 _CONDITION = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+)*)\s*(<=|>=|==|!=|<|>)\s*(\S+)\s*")
 _WORDS: dict[str, Scalar] = {"true": True, "false": False, "null": None}
-# What a summary has only where the data are enough for it, or the model that was chosen has it.
-_AT_TIMES = (
-    "error_model",
-    "drift",
-    "window",
-    "drift_std",
-    "velocity_std",
-    "velocity_time",
-    "long_run_drift",
-    "wander_std",
-    "wander_time",
-)
 
 
 @dataclass(frozen=True)
@@ -80,6 +68,20 @@ class Verdict:
     line: str
 
 
+def check(requirements: Sequence[Requirement], names: Sequence[str]) -> None:
+    """Refuse what no summary of these estimates can have, before anything is computed.
+
+    Raises
+    ------
+    UsageError
+        It names the figures that are near.
+    """
+    for requirement in requirements:
+        why = why_unknown(requirement.path, names, group=requirement.value is None)
+        if why is not None:
+            raise UsageError(f"--require: {why}")
+
+
 def judge(
     requirements: Sequence[Requirement], summary: Figures, names: Sequence[str]
 ) -> list[Verdict]:
@@ -87,11 +89,6 @@ def judge(
 
     With several estimates, ``names``, a path that begins with one's name, ``ground_truth`` or
     ``comparison`` is of that one; any other is required of each estimate.
-
-    Raises
-    ------
-    UsageError
-        For a path that a summary does not have; it names those that are near.
     """
     return [
         Verdict(
@@ -113,7 +110,7 @@ def _values(
         return
     estimates = summary["estimates"]
     if path[0] in names:
-        yield "", _look_up(estimates[path[0]], path[1:], (path[0],))
+        yield "", _look_up(estimates[path[0]], path[1:])
     elif path[0] in summary:
         yield "", _look_up(summary, path)
     else:
@@ -121,44 +118,21 @@ def _values(
             yield f"{name}: ", _look_up(estimates[name], path)
 
 
-def _look_up(figures: Any, path: tuple[str, ...], before: tuple[str, ...] = ()) -> Scalar:
+def _look_up(figures: Any, path: tuple[str, ...]) -> Scalar:
+    """The value; None where it is absent, and a word for a group of figures that is there."""
     value = figures
     for place, key in enumerate(path):
         if isinstance(value, list) and key.isdecimal() and int(key) < len(value):
             value = value[int(key)]
         elif isinstance(value, Mapping) and key in value:
             value = value[key]
-        elif value is None or key in _AT_TIMES:
-            return None
-        elif key == "cut" or (path[place - 1 : place] == ("rejected",) and key in list(Reason)):
+        elif key == "cut" or path[place - 1 : place] == ("rejected",):
             # Where nothing was cut, or no pose rejected for a reason, it is not listed.
             return 0
         else:
-            raise UsageError(_unknown(figures, path, before))
-    if isinstance(value, Mapping | list):
-        raise UsageError(_unknown(figures, path, before))
-    return value
-
-
-def _unknown(figures: Any, path: tuple[str, ...], before: tuple[str, ...]) -> str:
-    """Name the figures that a wrong path is near to."""
-    import difflib
-
-    known = [".".join((*before, *leaf)) for leaf in _leaves(figures)]
-    asked = ".".join((*before, *path))
-    within = [name for name in known if name.startswith(f"{asked}.")]
-    ends = [name for name in known if name.rpartition(".")[2] == path[-1]] if path else []
-    near = (within or ends or difflib.get_close_matches(asked, known, n=3, cutoff=0.5))[:3]
-    hint = f"; near it: {', '.join(near)}" if near else ""
-    return f"--require: the summary has no figure {asked}{hint}"
-
-
-def _leaves(figures: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    if isinstance(figures, Mapping):
-        for key, value in figures.items():
-            yield from _leaves(value, (*path, key))
-    elif not isinstance(figures, list):
-        yield path
+            return None
+    found: Scalar = "there" if isinstance(value, Mapping | list) else value
+    return found
 
 
 def _value(word: str) -> Scalar:
