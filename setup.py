@@ -14,7 +14,7 @@ EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
     # evaluate bag, replay bag
     "bags": ["rosbags>=0.10"],
-    # The plots of report.html, evaluate --figures
+    # evaluate --figures
     "report": ["matplotlib>=3.6"],
     # evaluate --rerun; half a gigabyte, and NumPy 2
     "rerun": ["rerun-sdk>=0.41"],
@@ -43,7 +43,7 @@ EXTRAS = {
     "bench": ["evo", "scikit-learn"],
     "check": ["import-linter", "mypy", "pre-commit", "ruff", "types-PyYAML"],
 }
-EXTRAS["demo"] = EXTRAS["ros"] + EXTRAS["report"] + EXTRAS["terminal"]
+EXTRAS["demo"] = EXTRAS["ros"] + EXTRAS["terminal"]
 
 setup(
     name=PACKAGE,

@@ -190,7 +190,7 @@ def test_an_estimate_is_switched_off_and_on(tab: Any) -> None:
 def test_raw_shows_what_is_not_aligned(tab: Any) -> None:
     before = painted(tab)
     assert tab.evaluate("figures.error.u.data[1][0]") == pytest.approx(0.5)
-    tab.get_by_role("button", name="Poses raw").click()
+    tab.get_by_role("button", name="Poses: raw").click()
     assert tab.evaluate("figures.error.u.data[1][0]") == pytest.approx(2.5)
     assert all(a != b for a, b in zip(before, painted(tab), strict=True))
 
@@ -227,7 +227,7 @@ def test_a_moment_of_note_is_gone_to(tab: Any) -> None:
     tab.get_by_role("button", name="Go to: gap of 5 s").click()
     assert tab.evaluate("board.cursor") == 52.5
     assert tab.evaluate("board.range") == [35, 70]
-    tab.get_by_role("button", name="Show the whole run").click()
+    tab.get_by_role("button", name="Show all of the run").click()
     assert tab.evaluate("board.range") == [0, 100]
 
 

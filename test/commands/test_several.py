@@ -26,7 +26,12 @@ def paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def test_each_has_what_it_has_alone(paths: list[Path], tmp_path: Path) -> None:
     result = evaluate("tum", *paths, "--output", tmp_path / "both")
     assert result.returncode == 0, result.stderr
-    assert sorted(os.listdir(tmp_path / "both")) == ["dense", "sparse", "summary.json"]
+    assert sorted(os.listdir(tmp_path / "both")) == [
+        "dense",
+        "report.html",
+        "sparse",
+        "summary.json",
+    ]
     both = summary_of(tmp_path / "both")
     assert sorted(both) == ["comparison", "estimates", "ground_truth", "likely_causes"]
     for path in paths[1:]:
@@ -57,6 +62,9 @@ def test_each_has_what_it_has_alone(paths: list[Path], tmp_path: Path) -> None:
 def test_each_pair_is_compared(paths: list[Path], tmp_path: Path) -> None:
     result = evaluate("tum", *paths, "--output", tmp_path)
     (pair,) = summary_of(tmp_path)["comparison"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<title>dense, sparse: trajectory evaluation</title>" in page
+    assert page.index("<h2>Which is better</h2>") < page.index("<h2>Where</h2>")
     assert (pair["a"], pair["b"]) == ("dense", "sparse")
     # The same poses, where both have one: no error differs.
     sparse = summary_of(tmp_path)["estimates"]["sparse"]

@@ -36,14 +36,8 @@ class TimedOutError(AssertionError):
     """A condition did not come about."""
 
 
-def environment(domain: int, folder: Path) -> dict[str, str]:
-    """Return the environment of every process of a test: this machine only, its own domain.
-
-    Without matplotlib, whose plots take a second or two each time something is saved.
-    """
-    blocked = folder / "without" / "matplotlib.py"
-    blocked.parent.mkdir(exist_ok=True)
-    blocked.write_text("raise ImportError('not in this test', name='matplotlib')\n")
+def environment(domain: int) -> dict[str, str]:
+    """Return the environment of every process of a test: this machine only, its own domain."""
     return {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
@@ -54,7 +48,7 @@ def environment(domain: int, folder: Path) -> dict[str, str]:
         "PYTHONPATH": os.pathsep.join(
             # Last, what is there: a ROS machine's packages, message packages made by hand.
             [
-                *map(str, (blocked.parent, ROOT, ROOT / "test", HERE)),
+                *map(str, (ROOT, ROOT / "test", HERE)),
                 *filter(None, [os.environ.get("PYTHONPATH")]),
             ]
         ),
@@ -70,7 +64,7 @@ class Process:
         with log.open("wb") as output:
             self.child = subprocess.Popen(
                 [sys.executable, *command],
-                env=environment(domain, log.parent),
+                env=environment(domain),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

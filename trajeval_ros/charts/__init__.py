@@ -21,6 +21,6 @@ authors built it.
 """
 
 from trajeval_ros.charts.arrays import numbers
-from trajeval_ros.charts.assets import ESTIMATE_COLOURS, script, style
+from trajeval_ros.charts.assets import ESTIMATE_COLOURS, compact, script, style
 
-__all__ = ["ESTIMATE_COLOURS", "numbers", "script", "style"]
+__all__ = ["ESTIMATE_COLOURS", "compact", "numbers", "script", "style"]

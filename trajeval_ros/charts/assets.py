@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,8 @@ _LIBRARY = "uPlot.iife.min.js"
 # In the order in which they need one another.
 _SCRIPTS = ("numbers.js", "pens.js", "board.js", "time_chart.js", "map.js", "controls.js")
 _STYLES = ("uPlot.min.css", "charts.css")
+# Comments that begin a line, and indentation: no string of ours goes over several lines.
+_NOT_NEEDED = re.compile(r"^[ \t]*(?:/\*.*?\*/|//[^\n]*)\n|^[ \t]+", re.MULTILINE | re.DOTALL)
 _OFFERED = "Board, TimeChart, MapView, controls, printable, floats, nearest, reading, moment"
 
 ESTIMATE_COLOURS = tuple(f"e{number}" for number in range(8))
@@ -21,7 +24,7 @@ ESTIMATE_COLOURS = tuple(f"e{number}" for number in range(8))
 @cache
 def script() -> str:
     """JavaScript that defines ``uPlot`` and ``charts``; it has no ``</script`` in it."""
-    own = "\n".join(_text(name) for name in _SCRIPTS)
+    own = "\n".join(compact(_text(name)) for name in _SCRIPTS)
     scope = f'(() => {{\n"use strict";\n{own}\nreturn {{ {_OFFERED} }};\n}})()'
     return f"{_text(_LIBRARY)}\nconst charts = {scope};"
 
@@ -30,6 +33,11 @@ def script() -> str:
 def style() -> str:
     """The style of the figures, and the colours of light and dark."""
     return "\n".join(_text(name) for name in _STYLES)
+
+
+def compact(script: str) -> str:
+    """A script of ours without what only its readers need."""
+    return _NOT_NEEDED.sub("", script)
 
 
 def _text(name: str) -> str:

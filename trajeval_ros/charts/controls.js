@@ -33,7 +33,7 @@ function controls(board, host, { raw = false, clock = () => "", moments = [] } =
   const how = group("Alignment");
   if (raw) {
     for (const [text, value] of [["aligned", false], ["raw", true]]) {
-      const element = button(text, `Poses ${text}`, () => board.setRaw(value));
+      const element = button(text, `Poses: ${text}`, () => board.setRaw(value));
       element.setAttribute("aria-pressed", String(board.raw === value));
       board.on("shown", () => element.setAttribute("aria-pressed", String(board.raw === value)));
       how.append(element);
@@ -41,7 +41,7 @@ function controls(board, host, { raw = false, clock = () => "", moments = [] } =
     how.className = "switch";
   }
   const zoom = group("Time shown");
-  const all = button("all", "Show the whole run", () => board.setRange());
+  const all = button("all", "Show all of the run", () => board.setRange());
   zoom.append(
     button("−", "Zoom out", () => board.zoom(2)),
     button("+", "Zoom in", () => board.zoom(0.5)),
@@ -76,12 +76,16 @@ function momentList(board, moments, button) {
   return list;
 }
 
-/** On paper every figure is vectors. */
+/** On paper every figure is vectors, and nothing is folded up. */
 function printable(board) {
+  let opened = [];
   const draw = () => {
+    opened = [...document.querySelectorAll("details:not([open])")];
+    for (const each of opened) each.open = true;
     for (const figure of board.figures) figure.printed.innerHTML = figure.svg();
   };
   const clear = () => {
+    for (const each of opened) each.open = false;
     for (const figure of board.figures) figure.printed.replaceChildren();
   };
   window.addEventListener("beforeprint", draw);

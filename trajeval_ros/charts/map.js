@@ -13,14 +13,15 @@ function errorColour(share) {
 /**
  * A map. `spec`:
  *   title, view ("top", "side" or "turn"), height (px);
- *   axes: {across, along, up: 0, 1 or 2, sign: of up};
+ *   axes: {across, along, up: 0, 1 or 2, sign: of up}; origin: [x, y, z] that positions count from;
  *   way: {times, positions} of the whole ground truth, or null;
  *   tracks: [{estimate, label, colour, times, truth, aligned, raw, error, breaks}]: positions flat,
  *     x y z after one another; `raw`: null where it is not known; `error`: m, colours the track
  *     where there is one alone; `largest`: the error of the last colour;
  *   ellipsoids: [{time, place: [x, y, z], axes: [9 numbers]}]: columns of the axes, m, as they are
  *     to be drawn;
- *   marks: [{time, text, kind}]: kind "start", "end", "worst" or "event".
+ *   marks: [{time, text, kind, estimate}]: kind "start", "end", "worst" or "event"; on the track of
+ *     this estimate, or on the first.
  */
 class MapView {
   constructor(board, host, spec) {
@@ -352,7 +353,10 @@ class MapView {
     const axis = (k) => "xyz"[names[k]];
     const times = this.exaggerated.toFixed(this.exaggerated < 10 ? 1 : 0);
     const heights = this.exaggerated > 1.05 ? `, heights × ${times}` : "";
-    this.hint = `${axis(0)} →  ${minus}${axis(1)} ↑  in metres${heights}`;
+    const { origin = [0, 0, 0] } = spec;
+    const from = names.some((k) => origin[k] !== 0)
+      ? `, from ${names.map((k) => `${"xyz"[k]} ${origin[k]}`).join(", ")}` : "";
+    this.hint = `${axis(0)} →  ${minus}${axis(1)} ↑  in metres${from}${heights}`;
   }
 
   /** A grid on the ground, and which way the axes go. */
@@ -397,12 +401,12 @@ class MapView {
 
   /** Start, end, worst and events; those at one place share a label. */
   labels(pen) {
-    const track = this.shown[0];
-    if (!track) return;
     const placed = [];
     const { frame, board } = this;
     for (const mark of this.spec.marks ?? []) {
-      if (mark.time < board.range[0] || mark.time > board.range[1]) continue;
+      const track = mark.estimate
+        ? this.shown.find((each) => each.estimate === mark.estimate) : this.shown[0];
+      if (!track || mark.time < board.range[0] || mark.time > board.range[1]) continue;
       const k = nearest(track.times, mark.time);
       const [x, y] = this.place(this.positions(track), k);
       if (x < 0 || y < 0) continue;
@@ -491,7 +495,10 @@ class MapView {
     const parts = this.shown.map((track) => {
       const k = entryAt(track.times, track.breaks, time);
       if (k < 0) return `${track.label}: no pose`;
-      const at = [0, 1, 2].map((axis) => compact(Number(track.truth[3 * k + axis].toPrecision(4))));
+      const { origin = [0, 0, 0] } = this.spec;
+      const at = [0, 1, 2].map((axis) => compact(
+        origin[axis] + Number(track.truth[3 * k + axis].toPrecision(4)),
+      ));
       const error = track.error ? `, off by ${reading(track.error[k], "m")}` : "";
       return `${track.label}: at ${at.join(", ")} m${error}`;
     });

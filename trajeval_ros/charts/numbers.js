@@ -55,14 +55,22 @@ function ticks(low, high, count) {
   return found;
 }
 
-/** Powers of ten from `low` to `high`, thinned to about `count`. */
-function decades(low, high, count) {
-  const first = Math.ceil(Math.log10(low) - 1e-9);
-  const last = Math.floor(Math.log10(high) + 1e-9);
-  const every = Math.max(1, Math.ceil((last - first + 1) / count));
-  const found = [];
-  for (let power = first; power <= last; power += every) found.push(10 ** power);
-  return found;
+/** Values for a logarithmic axis: 1, 2, 5, 10, ... where that is no more than `count`, or fewer. */
+function logTicks(low, high, count) {
+  const first = Math.floor(Math.log10(low));
+  const last = Math.ceil(Math.log10(high));
+  for (const digits of [[1, 2, 5], [1]]) {
+    const found = [];
+    for (let power = first; power <= last; power += 1) {
+      found.push(...digits.map((digit) => digit * 10 ** power));
+    }
+    const seen = found.filter((value) => value >= low && value <= high);
+    if (seen.length <= count) return seen;
+    if (digits.length === 1) {
+      return seen.filter((_, k) => k % Math.ceil(seen.length / count) === 0);
+    }
+  }
+  return [];
 }
 
 /** A number as the end of an axis shows it: -12.3M, 0.004. */
@@ -86,7 +94,9 @@ function trimmed(text) {
 function reading(value, unit) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   const size = Math.abs(value);
-  const digits = size >= 1e4 ? compact(value) : trimmed(value.toPrecision(3)).replace("-", "−");
+  const digits = size >= 1e6 ? compact(value)
+    : (size >= 1e3 ? Math.round(value).toLocaleString("en") : trimmed(value.toPrecision(3)))
+      .replace("-", "−");
   return unit ? `${digits}${unit === "°" ? "" : " "}${unit}` : digits;
 }
 

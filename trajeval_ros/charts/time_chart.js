@@ -164,6 +164,10 @@ class TimeChart {
         { ...tick(24), values: (u, values) => values.map(compact) },
         {
           ...tick(52),
+          ...(this.log ? {
+            splits: (u, axis, low, high) => logTicks(low, high, 6),
+            filter: (u, splits) => splits,
+          } : {}),
           values: (u, values) => values.map((value) => (value === null ? "" : compact(value))),
         },
       ],
@@ -297,7 +301,7 @@ class TimeChart {
       button.className = "scale";
       button.textContent = "log";
       button.setAttribute("aria-pressed", String(this.log));
-      button.setAttribute("aria-label", `${spec.title}: logarithmic axis`);
+      button.setAttribute("aria-label", `log axis: ${spec.title}`);
       button.addEventListener("click", () => {
         this.log = !this.log;
         this.rebuild();
@@ -428,7 +432,7 @@ class TimeChart {
     for (const band of this.bands) {
       if (!names.some(([label]) => label === band.label)) names.push([band.label, band.colour, "area"]);
     }
-    const frame = { left: 56, top: 34, width: PAPER_WIDTH - 66, height: (spec.height ?? 170) - 30 };
+    const frame = { left: 56, top: 44, width: PAPER_WIDTH - 66, height: (spec.height ?? 170) - 30 };
     const total = frame.top + frame.height + 24;
     const [low, high] = this.limits();
     const along = (value, a, b) => (value - a) / (b - a);
@@ -450,7 +454,7 @@ class TimeChart {
       pen.line([x, frame.top, x, bottom], { stroke: "grid" });
       pen.text(x, bottom + 12, compact(value), { align: "center" });
     }
-    for (const value of this.log ? decades(low, high, 5) : ticks(low, high, 4)) {
+    for (const value of this.log ? logTicks(low, high, 6) : ticks(low, high, 4)) {
       const y = frame.y(value);
       pen.line([frame.left, y, frame.left + frame.width, y], { stroke: "grid" });
       pen.text(frame.left - 6, y, compact(value), { align: "right" });

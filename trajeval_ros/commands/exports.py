@@ -45,7 +45,7 @@ class Finished:
             name: curves(
                 one.evaluated,
                 one.summary,
-                self.scorings[name].report.track.buckets(),
+                self.scorings[name].report.track.poses(),
                 settings.evaluation,
                 settings.estimates[name].time_offset,
             )
@@ -121,7 +121,7 @@ def _write_rerun(run: Finished, path: Path) -> str:
             drawn,
             run.found[name].evaluated.ground_truth,
             aligned(run.found[name].evaluated, run.found[name].summary),
-            run.scorings[name].report.track.buckets(),
+            run.scorings[name].report.track.poses(),
         )
         for name, drawn in run.curves().items()
     ]

@@ -7,7 +7,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -27,12 +26,13 @@ from trajeval_ros.files.output import (
     LATEST_PATH,
     OutputError,
     OutputFolder,
+    write_report,
     write_summary,
 )
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
 from trajeval_ros.online.settings import Settings, settings_of
-from trajeval_ros.report import Report, answers
+from trajeval_ros.report import Report, answers, render_several
 from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
@@ -73,7 +73,8 @@ def score(
 
     ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
     first pose of each is laid on the ground truth's, and nothing else is aligned. With several
-    estimates, each has a folder of its name in ``output``, and the summary of all lies beside them.
+    estimates, each has a folder of its name in ``output``, and beside them lie the summary and
+    the report of all.
     """
     before: Mapping[str, Scored] = {}
     if apply:
@@ -99,7 +100,8 @@ def score(
             for name, one in _found(data, parameters, scorings).items()
         }
         failures = _write(runs, found)
-    everything = _together(found, settings, output)
+    reports = {name: run.scoring.report for name, run in runs.items()}
+    everything = _together(found, settings, output, reports)
     exports = exports or Exports()
     exports.write(Finished(data, parameters, scorings, found, everything.comparisons, recorded))
     failures += [*everything.failures, *exports.failures]
@@ -154,11 +156,14 @@ class _Together:
             print("\n".join(f"{sentence(comparison)}." for comparison in self.comparisons))
             print("".join(f"\n{cause.sentence}\n" for cause in self.causes), end="")
         if len(found) > 1 and output:
-            print(f"\nWritten: summary.json of all in {Path(output).expanduser().absolute()}")
+            folder = Path(output).expanduser().absolute()
+            print(f"\nWritten: summary.json, report.html of all in {folder}")
 
 
-def _together(found: Mapping[str, Scored], settings: Settings, output: str) -> _Together:
-    """Compare several, and write the summary of all."""
+def _together(
+    found: Mapping[str, Scored], settings: Settings, output: str, reports: Mapping[str, Report]
+) -> _Together:
+    """Compare several, and write the summary and the report of all."""
     summaries = {name: one.summary for name, one in found.items()}
     if len(found) == 1:
         (summary,) = summaries.values()
@@ -172,6 +177,8 @@ def _together(found: Mapping[str, Scored], settings: Settings, output: str) -> _
     if output:
         try:
             write_summary(Path(output).expanduser(), summary)
+            said = [f"{sentence(comparison)}." for comparison in comparisons]
+            write_report(Path(output).expanduser(), render_several(reports, summary, said))
         except OutputError as error:
             failures += error.lines
     return _Together(summary, comparisons, causes, tuple(failures))
@@ -329,5 +336,3 @@ class _Run:
         written = [name for name in there if name not in self.failures]
         if self._folder is not None and written:
             print(f"\nWritten: {', '.join(written)} in {self._folder.path}")
-            if "report.html" in written and find_spec("matplotlib") is None:
-                print("The report has no pictures: python3 -m pip install matplotlib")

@@ -11,6 +11,8 @@ Of poses i < j, as in `running`: translation ``|t|``, m, and rotation, rad, of t
 - `boxes`: as Z. Zhang and D. Scaramuzza draw them (IROS 2018): over 10, 20, ... 50 % of the path
   along the ground truth, from every pose to the one that is nearest to so far ahead, a fifth of the
   length off at most.
+- `growth`: over lengths of 1, 2, 5, 10 ... up to half of what there is, of time or of path, from
+  some hundred poses each to the one that is nearest to so far ahead, a tenth of it off at most.
 - `all_pairs`: RE from every pose to the one that is nearest to a step ahead, a tenth of it off at
   most, along the estimate (in `sim3` along the ground truth); in frames to the one so many on. In m
   and in frames these are evo's ``all_pairs``; evo has no step in seconds.
@@ -39,6 +41,8 @@ BOX_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
 BOX_QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 _BOX_TOLERANCE = 0.2
 _PAIR_TOLERANCE = 0.1
+# Of a length so many pairs at most, over three decades of lengths.
+_GROWTH_PAIRS, _GROWTH_LENGTHS = 500, 10
 _COARSE = 1_000_000_000
 # The mean length of a normal vector in three dimensions, in its standard deviations on an axis.
 _MEAN_LENGTH = math.sqrt(8.0 / math.pi)
@@ -192,7 +196,7 @@ class Box:
     """The quantiles `BOX_QUANTILES` of the errors over sub-trajectories of one length.
 
     Attributes:
-        length: m.
+        length: m, or s where it is one of time.
         subsequences: how many.
         translation: m.
         rotation: rad.
@@ -221,13 +225,50 @@ def boxes(ground_truth: Array, estimate: Array, scale: float = 1.0) -> tuple[Box
         begin, end = nearest_ahead(place, length, _BOX_TOLERANCE * length)
         if len(begin) == 0:
             continue
-        steps = errors_between(ground_truth, estimate, begin, end, scale)
-        translation, rotation = (
-            tuple(np.quantile(errors, BOX_QUANTILES).tolist())
-            for errors in (steps.translation, steps.rotation)
-        )
-        found.append(Box(length, steps.count, translation, rotation))
+        found.append(_box(length, errors_between(ground_truth, estimate, begin, end, scale)))
     return tuple(found)
+
+
+def growth(
+    place: Array, ground_truth: Array, estimate: Array, scale: float = 1.0
+) -> tuple[Box, ...]:
+    """How the errors grow with the length of the sub-trajectory; none where there is no length.
+
+    Args:
+        place: (M,), not decreasing: seconds, or m along a path.
+        ground_truth: (M, 4, 4).
+        estimate: (M, 4, 4) at the same instants, not aligned.
+        scale: of the estimate.
+    """
+    steps = np.diff(place)
+    if len(steps) == 0 or not place[-1] > place[0]:
+        return ()
+    shortest, longest = 2.0 * float(np.median(steps)), 0.5 * float(place[-1] - place[0])
+    power = math.floor(math.log10(longest))
+    series = [
+        digit * 10.0**exponent for exponent in range(power - 4, power + 1) for digit in (1, 2, 5)
+    ]
+    lengths = [length for length in series if shortest <= length <= longest][-_GROWTH_LENGTHS:]
+    found = []
+    for length in lengths:
+        begin, end = nearest_ahead(place, length, _PAIR_TOLERANCE * length)
+        if len(begin) == 0:
+            continue
+        every = -(-len(begin) // _GROWTH_PAIRS)
+        found.append(
+            _box(
+                length, errors_between(ground_truth, estimate, begin[::every], end[::every], scale)
+            )
+        )
+    return tuple(found)
+
+
+def _box(length: float, steps: Steps) -> Box:
+    translation, rotation = (
+        tuple(np.quantile(errors, BOX_QUANTILES).tolist())
+        for errors in (steps.translation, steps.rotation)
+    )
+    return Box(length, steps.count, translation, rotation)
 
 
 def all_pairs(

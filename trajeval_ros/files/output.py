@@ -455,10 +455,23 @@ def write_summary(folder: Path, summary: Summary) -> None:
     OutputError
         If it cannot be written.
     """
-    path = folder / "summary.json"
+    _write(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+
+
+def write_report(folder: Path, page: str) -> None:
+    """Write the ``report.html`` of several estimates.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    _write(folder / "report.html", page)
+
+
+def _write(path: Path, text: str) -> None:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        path.parent.mkdir(parents=True, exist_ok=True)
         _replace_file(path, lambda file: _put(file, text))
     except OSError as error:
         line = _refused(path, error)

@@ -17,6 +17,7 @@ from trajeval_ros.conventional.sub_trajectories import (
     Steps,
     all_pairs,
     boxes,
+    growth,
     is_noise,
     kitti_drift,
     path_along,
@@ -67,6 +68,28 @@ def whole_run(summary: Figures, poses: Poses, settings: EvaluationSettings) -> F
         **summary,
         "absolute": {**summary["absolute"], "log_likelihood_nonlinear": nonlinear},
         "drift": drift(poses, settings),
+    }
+
+
+def grown(poses: Poses, settings: EvaluationSettings) -> dict[str, tuple[Box, ...]]:
+    """How errors grow with the length of the sub-trajectory, over "time" (s) and "distance" (m).
+
+    Of the poses outside the gaps; none where there is no length, or, in `sim3`, no scale.
+    """
+    known = poses.sampled
+    stamps, truth, estimate = poses.stamps[known], poses.ground_truth[known], poses.estimate[known]
+    if len(stamps) < 2:
+        return {"time": (), "distance": ()}
+    scale = 1.0
+    if settings.gauge.has_scale:
+        alignment = align_positions(estimate[:, :3, 3], truth[:, :3, 3], "sim3")
+        if not alignment.scale_observed:
+            return {"time": (), "distance": ()}
+        scale = float(alignment.scale)
+    still = is_noise(stamps, truth, poses.covariance[known])
+    return {
+        "time": growth((stamps - stamps[0]) * 1e-9, truth, estimate, scale),
+        "distance": () if still else growth(path_along(truth), truth, estimate, scale),
     }
 
 

@@ -30,7 +30,7 @@ _TITLES = (
 # Drift by distance is said where the mean speed is 1 m/s and more.
 _FAST = 1.0
 # Autocorrelations beyond this say that the model does not hold.
-_WHITE = 0.2
+WHITE = 0.2
 # The noise of a sample is the assumed accuracy where it is no more than this times as large.
 _OF_THE_FLOOR = 1.5
 # m: below, millimetres.
@@ -63,16 +63,23 @@ def _angle(figure: Figures, unit: str = "") -> str:
 
 
 def first_lines(summary: Figures, parameters: Figures) -> list[str]:
-    """Return the first lines of a result: how good, what kind of error, whose fault, where."""
-    said = [
+    """Return the first lines of a result: what :func:`answer` says, as a terminal shows it."""
+    return [
+        f"{'' if further else title:13} {line}"
+        for title, text in answer(summary, parameters)
+        for further, line in enumerate(text.split("\n"))
+    ]
+
+
+def answer(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
+    """Return how good it is, what kind of error, whose fault, where, each with its title.
+
+    A text has a line break where one may be.
+    """
+    return [
         *_how_good(summary, parameters),
         *sentences(summary.get("error_model"), _start(summary), _headline(summary).get("without")),
         *_where(summary, parameters),
-    ]
-    return [
-        f"{'' if further else title:13} {line}"
-        for title, text in said
-        for further, line in enumerate(text.split("\n"))
     ]
 
 
@@ -277,7 +284,7 @@ def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
         shown = _number(size, change["std"], 1e3)
         found.append(("Clock", f"changes by {shown} ms at {when - start:.1f} s"))
     worst = max(abs(lag) for part in model["whiteness"].values() for lag in part)
-    if worst > _WHITE:
+    if worst > WHITE:
         text = f"errors are correlated beyond the model (by {worst:.2f}): the ± are too small"
         found.append(("Doubt", text))
     return found

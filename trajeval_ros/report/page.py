@@ -1,134 +1,110 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page: one self-contained HTML file."""
+"""The page: one self-contained HTML file, in the order in which a person asks."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterable
-from functools import partial
-from pathlib import Path, PurePath
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 
-from trajeval_ros.report import answers, words
+from trajeval_ros import charts
+from trajeval_ros.report import answers, kinds, words
+from trajeval_ros.report.glossary import CAPTIONS, HOW_TO_READ
+from trajeval_ros.report.payload import payload
 from trajeval_ros.report.run import Run
-from trajeval_ros.report.series import Series, make_series
+from trajeval_ros.report.shown import Shown, shown, source_name
 from trajeval_ros.wall import shield
 
-_STYLE = Path(__file__).with_name("style.css")
+Say = Callable[[str], None]
 
-_PICTURES_MISSING = (
-    "The pictures are left out: this Python has no matplotlib. Get it with"
-    " <code>python3 -m pip install matplotlib</code> (on ROS machines:"
-    " <code>apt install python3-matplotlib</code>) and write the report again."
-)
-
-_TRAJECTORY_CAPTION = (
-    "Grey: ground truth, dotted where there is no estimate. Coloured: the estimate, moved into the"
-    " ground truth's world by the alignment that ATE is under; bright is far off. Green: where the"
-    " ground truth itself is known to, two standard deviations, where that is large enough to be"
-    " seen. Shaded in the right-hand picture: no ground truth."
-)
-_TIME_CAPTION = (
-    "An error inside the green band cannot be told from the ground truth's own uncertainty; above"
-    " it, it is the estimate's. In a gap of the ground truth the band opens up, and the same error"
-    " says less. The log-likelihoods fall where the estimate is bad; the relative and the absolute"
-    " one lie on one another as long as first order holds. What was gained within some seconds is"
-    " what they added to the run's totals, given all before: the tables take the last ones alone."
-)
-_BOXES_CAPTION = (
-    "Relative errors from every pose to the one a tenth, a fifth, ... half of the path further on:"
-    " the box holds the middle half, the line in it is the median, nine in ten lie between the ends"
-    " of the whiskers. Neither alignment nor where the run began matters. Errors that grow with the"
-    " length are drift; as large over any length, they are not."
-)
-
-_HOW_TO_READ = (
-    (
-        "Relative likelihood",
-        "How the motion between neighbouring estimates differs from the true one, weighed by how"
-        " well the true one is known. It needs no alignment.",
-    ),
-    (
-        "Absolute likelihood",
-        "How the aligned estimate differs from the ground truth at each instant, integrated over"
-        " all alignments. To first order, under the gauge se3, it carries the same information as"
-        " the relative one; the two figures then agree.",
-    ),
-    (
-        "Log-likelihood",
-        "In nats, of the errors under the ground truth's own uncertainty: higher is better. With"
-        " millimetre ground truth and centimetre errors, -10,000 nats a pose are right. Totals of"
-        " runs of different length do not compare, nor do those under different gauges; the"
-        " figures of the sliding window do compare.",
-    ),
-    (
-        "χ² and log-determinant",
-        "The log-likelihood is minus half of χ² + log-determinant + degrees of freedom times"
-        " log 2π. A gap in the ground truth makes χ² small and the log-determinant large: look at"
-        " both before you call an estimate good.",
-    ),
-    (
-        "χ² per degree of freedom",
-        "1: the estimate is as good as the ground truth. Its square root says how many standard"
-        " deviations of the ground truth the error is worth.",
-    ),
-    (
-        "p-value",
-        "How often an estimate as good as the ground truth would have a χ² as far out as this, on"
-        " either side. Near 0: the error is the estimate's own, or the uncertainty is wrong.",
-    ),
-    (
-        "Noise-equivalent error",
-        "The white noise which, added to the ground truth's uncertainty, explains the errors best:"
-        " an accuracy from which the ground truth's share is taken out.",
-    ),
-    (
-        "ATE and RE, conventional",
-        "Root mean square error after alignment of positions (Umeyama), and of the motion over a"
-        " fixed step, as other tools print them. They take the ground truth for exact.",
-    ),
+_FOLDER = Path(__file__).parent
+_NO_SCRIPT = (
+    "<noscript><p>The figures are drawn by this page's script, which does not run here. Sentences"
+    " and tables need none.</p></noscript>"
 )
 
 
-def page(run: Run, say: Callable[[str], None]) -> str:
-    """Return ``report.html``. ``say`` is told, in one line, of a picture that fails."""
-    series = make_series(run) if len(run.buckets) else None
+def page(run: Run, say: Say) -> str:
+    """Return the report of one estimate. ``say`` is told, in one line, of what fails."""
+    return _page({"": run}, say, ())
+
+
+def page_of_several(runs: Mapping[str, Run], sentences: Sequence[str], say: Say) -> str:
+    """Return the report of several estimates, by their names, against one ground truth.
+
+    ``sentences``: how they compare.
+    """
+    return _page(runs, say, sentences)
+
+
+def _page(runs: Mapping[str, Run], say: Say, compared: Sequence[str]) -> str:
+    estimates = shown(runs)
+    title = _title(estimates)
     sections = [
-        f"<p class=verdict>{words.verdict(run, series)}</p>",
-        _tiles(words.tiles(run, series)),
-        _answers(run),
-        _notices(run),
-        *_pictures(run, series, say),
-        _section("Figures", _table(words.figures(run), ("", "", "what it says"))),
-        _section("Every message", _table(words.accounts(run), ("", "", ""))),
-        _section("The ground truth's model", _table(words.model(run), ("", "", ""))),
+        _compared(estimates, compared),
+        *(_answer(one, len(estimates) > 1) for one in estimates),
+        *_figures(estimates, say),
+        *_tables(estimates),
+        _section("Parameters", _parameters(estimates[0].run)),
         _section("How to read this", _glossary()),
-        _section("Parameters", _parameters(run)),
     ]
-    title = _title(run)
-    sources = " against ".join(
-        html.escape(run.sources[key]) for key in ("estimate", "ground truth") if key in run.sources
-    )
+    style = charts.style() + _text("style.css")
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{_STYLE.read_text(encoding='utf-8')}</style></head><body>"
-        f"<h1>{html.escape(title)}</h1><p class=sources>{sources}</p>\n"
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{html.escape(title)}</title><style>{style}</style></head><body>"
+        f"<header><h1>{html.escape(title)}</h1><p class=sources>{_sources(estimates)}</p></header>"
+        "<main>\n"
         + "\n".join(section for section in sections if section)
-        + f"\n<footer>{words.when(run)} trajeval_ros</footer></body></html>\n"
+        + f"\n</main><footer>{words.when(estimates[0].run)} trajeval_ros</footer>"
+        + "</body></html>\n"
     )
 
 
-def _title(run: Run) -> str:
+def _text(name: str) -> str:
+    return (_FOLDER / name).read_text(encoding="utf-8")
+
+
+def _title(estimates: Sequence[Shown]) -> str:
     """What a tab or a list of pages is to show: which estimate it is."""
-    source = run.sources.get("estimate", "")
-    path, _, topic = source.partition(", topic ")
-    name = topic or PurePath(path).name or path
+    if len(estimates) > 1:
+        return f"{', '.join(one.name for one in estimates)}: trajectory evaluation"
+    source = estimates[0].run.sources.get("estimate", "")
+    name = source_name(estimates[0].run) if source else ""
     return f"{name}: trajectory evaluation" if name else "Trajectory evaluation"
+
+
+def _sources(estimates: Sequence[Shown]) -> str:
+    named = [one.run.sources.get("estimate", "") for one in estimates]
+    against = estimates[0].run.sources.get("ground truth", "")
+    parts = [", ".join(html.escape(name) for name in named if name), html.escape(against)]
+    return " against ".join(part for part in parts if part)
 
 
 def _section(title: str, content: str) -> str:
     return f"<section><h2>{title}</h2>{content}</section>"
+
+
+# The answer --------------------------------------------------------------------------------------
+
+
+def _answer(one: Shown, named: bool) -> str:
+    """How good it is, in words and in the figures that everybody looks for first."""
+    rows = "".join(
+        f'<tr><th scope="row">{title}</th><td>{html.escape(text)}</td></tr>'
+        for title, text in answers.answer(one.run.summary, one.run.parameters)
+    )
+    table = f"<table class=answers>{rows}</table>" if rows else ""
+    title = f"<h2>{html.escape(one.name)}</h2>" if named else ""
+    # Of several, the tiles are the columns of one table.
+    tiles = "" if named else _tiles(words.tiles(one.run, one.series))
+    # Of a whole run the table says where it is worst, and what the ground truth is known to.
+    told = one.series is not None and one.run.summary.get("headline")
+    said = words.lead(one.run) if told else words.verdict(one.run, one.series)
+    return f"<section>{title}<p class=verdict>{said}</p>{table}{tiles}{_notices(one.run)}</section>"
 
 
 def _tiles(tiles: Iterable[tuple[str, str, str]]) -> str:
@@ -139,23 +115,18 @@ def _tiles(tiles: Iterable[tuple[str, str, str]]) -> str:
     return f"<div class=tiles>{cells}</div>"
 
 
-def _answers(run: Run) -> str:
-    """What kind of error it is, and what is not the estimator's fault."""
-    rows = "".join(
-        f"<tr><td>{title}</td><td>{html.escape(text)}</td></tr>"
-        for title, text in answers.sentences(run.summary.get("error_model"))
-    )
-    return _section("What kind of error", f"<table>{rows}</table>") if rows else ""
-
-
 def _notices(run: Run) -> str:
     """Likely causes first: they are what to act on."""
     said = [
         ("warning", "Likely cause", f"{cause.text}. To try: {cause.advice}.")
         for cause in run.causes
     ]
-    said += [(notice.level, notice.level, notice.text) for notice in run.notices]
+    said += [(each.level, each.level, each.text) for each in run.notices if each.level != "info"]
     said += [("error", "error", line) for line in run.defects]
+    return _list(said)
+
+
+def _list(said: Iterable[tuple[str, str, str]]) -> str:
     items = "".join(
         f'<li class="{html.escape(level)}"><b>{html.escape(title)}</b>: {html.escape(text)}</li>'
         for level, title, text in said
@@ -163,95 +134,179 @@ def _notices(run: Run) -> str:
     return f"<ul class=notices>{items}</ul>" if items else ""
 
 
-def _pictures(run: Run, series: Series | None, say: Callable[[str], None]) -> list[str]:
-    if series is None:
-        return []
-    drawn: list[str] = []
-    pictures: list[tuple[str, Callable[[Run, Series], str], str]] = [
-        ("Trajectory", _trajectory, _TRAJECTORY_CAPTION),
-        ("Over time", _over_time, _TIME_CAPTION),
+def _compared(estimates: Sequence[Shown], sentences: Sequence[str]) -> str:
+    if len(estimates) < 2:
+        return ""
+    said = "".join(
+        f"<p class=verdict>{html.escape(sentence[:1].upper() + sentence[1:])}</p>"
+        for sentence in sentences
+    )
+    heads = "".join(f'<th scope="col" class=n>{html.escape(one.name)}</th>' for one in estimates)
+    tiles = [
+        {name: (value, what) for name, value, what in words.tiles(one.run, one.series)}
+        for one in estimates
     ]
-    if (run.summary.get("drift") or {}).get("sub_trajectories"):
-        pictures.append(("Over sub-trajectories", _boxes, _BOXES_CAPTION))
-    for title, draw, caption in pictures:
-        try:
-            drawn.append(_picture(title, partial(draw, run, series), caption, say))
-        except ImportError:
-            return [f"<p>{_PICTURES_MISSING}</p>"]
-    return drawn
+    rows = "".join(
+        f'<tr><th scope="row">{name}</th>'
+        + "".join(
+            f"<td class=n>{value}<br><small>{what}</small></td>"
+            for value, what in (each.get(name, ("–", "")) for each in tiles)
+        )
+        + "</tr>"
+        for name in dict.fromkeys(name for each in tiles for name in each)
+    )
+    table = (
+        f'<div class=scroll><table><thead><tr><th scope="col">Figure</th>{heads}</tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>"
+    )
+    return _section("Which is better", said + table)
 
 
-def _trajectory(run: Run, series: Series) -> str:
-    # Only now: matplotlib may be absent, or broken.
-    from trajeval_ros.report import plots
-
-    return plots.trajectory(run, series)
+# The figures -------------------------------------------------------------------------------------
 
 
-def _over_time(run: Run, series: Series) -> str:
-    from trajeval_ros.report import plots
-
-    return plots.over_time(run, series)
-
-
-def _boxes(run: Run, series: Series) -> str:
-    from trajeval_ros.report import boxes
-
-    return boxes.sub_trajectories(run.summary["drift"]["sub_trajectories"])
-
-
-def _picture(title: str, draw: Callable[[], str], caption: str, say: Callable[[str], None]) -> str:
-    """The picture's section, or why there is no picture. Raises ImportError without matplotlib."""
-    missing: list[ImportError] = []
-
-    def section() -> str:
-        try:
-            return _section(title, _figure(draw(), caption))
-        except ImportError as error:
-            missing.append(error)
-            return ""
-
+def _figures(estimates: Sequence[Shown], say: Say) -> list[str]:
+    """The sections with figures, and the script that draws them; none where there is no pose."""
+    if not any(one.series is not None for one in estimates):
+        return [_section("The ground truth", _model(estimates[0].run))]
     lines: list[str] = []
-    drawn = shield(f"the picture {title!r}", section, "", lines.append)
-    if missing:
-        raise missing[0]
+
+    def drawn() -> list[str]:
+        data = json.dumps(payload(estimates), separators=(",", ":"), allow_nan=False)
+        return [
+            _NO_SCRIPT + '<div id="controls" class="bar" role="region" aria-label="Controls of the'
+            ' figures"></div>',
+            _section("Where", _maps(len(estimates) == 1)),
+            _section("Error over time", _over_time(estimates)),
+            _section("What kind of error", kinds.section(estimates)),
+            _clock(estimates),
+            _section("The ground truth", _truth(estimates[0].run)),
+            _section("Likelihoods", _likelihoods()),
+            # No text of a user's may end the script.
+            f'<script type="application/json" id="data">{data.replace("<", chr(92) + "u003c")}'
+            f"</script><script>{charts.script()}</script>"
+            f"<script>{charts.compact(_text('report.js'))}</script>",
+        ]
+
+    nothing: list[str] = []
+    found = shield("the figures", drawn, nothing, lines.append)
     for line in lines:
         say(line)
-    return drawn + "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+    failed = [f"<p>{html.escape(line)}</p>" for line in lines]
+    return found or [*failed, _section("The ground truth", _model(estimates[0].run))]
 
 
-def _figure(svg: str, caption: str) -> str:
-    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
+def _maps(single: bool) -> str:
+    colours = (
+        "<span>estimate: near <i class=scale></i> far off</span>"
+        if single
+        else "<span>estimates: coloured as above</span>"
+    )
+    key = (
+        "<div class=key><span><i style='background:var(--truth)'></i>ground truth</span>"
+        "<span><i style='background:repeating-linear-gradient(90deg,var(--way) 0 2px,transparent"
+        f" 2px 5px)'></i>without an estimate</span>{colours}<span><i style='background:var(--band)"
+        "'></i>ground truth's uncertainty, 2 σ, where it can be seen</span></div>"
+    )
+    maps = "".join(f'<div id="{name}"></div>' for name in ("top", "side", "turn"))
+    return f"{key}<div class=maps>{maps}</div>{_caption('map', ' hint')}"
+
+
+def _over_time(estimates: Sequence[Shown]) -> str:
+    hosts = _hosts("translation", "rotation")
+    said = "".join(
+        f"<p class=caption>{html.escape(line)}</p>"
+        for one in estimates
+        if one.series is not None
+        for line in words.spread(one.name if len(estimates) > 1 else "", one.series)
+    )
+    more = _hosts("translation-axes", "rotation-axes", "height")
+    return (
+        f"{hosts}{said}{_caption('time')}<details open><summary>By axes, and height</summary>"
+        f"{more}</details>"
+    )
+
+
+def _clock(estimates: Sequence[Shown]) -> str:
+    known = any(
+        len((one.run.summary.get("error_model") or {}).get("clock_stretches", ())) > 1
+        for one in estimates
+    )
+    content = _hosts("clock") + _caption("clock")
+    return _section("Clock offset over time", content) if known else ""
+
+
+def _truth(run: Run) -> str:
+    return _hosts("rates") + _caption("rates") + _model(run)
+
+
+def _model(run: Run) -> str:
+    learned = [(each.level, each.level, each.text) for each in run.notices if each.level == "info"]
+    table = _table(words.model(run), ("Of the ground truth", "Value", "What it says"))
+    return table + _list(learned)
+
+
+def _likelihoods() -> str:
+    return _hosts("likelihood", "likelihood-window", "chi2") + _caption("likelihoods")
+
+
+def _hosts(*names: str) -> str:
+    return "<div class=charts>" + "".join(f'<div id="{name}"></div>' for name in names) + "</div>"
+
+
+def _caption(name: str, more: str = "") -> str:
+    return f'<p class="caption{more}">{CAPTIONS[name]}</p>'
+
+
+# The tables --------------------------------------------------------------------------------------
+
+
+def _tables(estimates: Sequence[Shown]) -> list[str]:
+    """Every figure and every account, of each estimate."""
+    found = []
+    for title, rows, heads in (
+        ("Figures", words.figures, ("Figure", "Value", "What it says")),
+        ("Every message", words.accounts, ("Messages", "Number", "Rate or reason")),
+    ):
+        tables = (
+            (f"<h3>{html.escape(one.name)}</h3>" if len(estimates) > 1 else "")
+            + _table(rows(one.run), heads)
+            for one in estimates
+        )
+        found.append(_section(title, "".join(tables)))
+    return found
 
 
 def _table(rows: Iterable[tuple[str, str, str]], heads: tuple[str, str, str]) -> str:
-    head = ""
-    if any(heads):
-        cells = "".join(
-            f"<th{' class=n' if column == 1 else ''}>{title}</th>"
-            for column, title in enumerate(heads)
-        )
-        head = f"<thead><tr>{cells}</tr></thead>"
+    columns = "".join(
+        f'<th scope="col"{" class=n" if column == 1 else ""}>{title}</th>'
+        for column, title in enumerate(heads)
+    )
     body = "".join(
-        f"<tr><td>{name}</td><td class=n>{value}</td><td class=what>{what}</td></tr>"
+        f'<tr><th scope="row">{name}</th><td class=n>{value}</td><td class=what>{what}</td></tr>'
         for name, value, what in rows
     )
-    return f"<div class=scroll><table>{head}<tbody>{body}</tbody></table></div>"
+    return (
+        f"<div class=scroll><table class=figures><thead><tr>{columns}</tr></thead>"
+        f"<tbody>{body}</tbody></table></div>"
+    )
 
 
 def _glossary() -> str:
-    entries = "".join(f"<dt>{term}</dt><dd>{text}</dd>" for term, text in _HOW_TO_READ)
+    entries = "".join(f"<dt>{term}</dt><dd>{text}</dd>" for term, text in HOW_TO_READ)
     return f"<dl>{entries}</dl>"
 
 
 def _parameters(run: Run) -> str:
     """All of them; those that are not at their default stand out."""
     rows = "".join(
-        f"<tr{' class=changed' if changed else ''}><td><code>{html.escape(name)}</code></td>"
-        f"<td class=n>{html.escape(value)}</td><td class=what>{html.escape(what)}</td></tr>"
+        f'<tr{" class=changed" if changed else ""}><th scope="row"><code>{html.escape(name)}</code>'
+        f"</th><td class=n>{html.escape(value)}</td><td class=what>{html.escape(what)}</td></tr>"
         for name, value, what, changed in words.parameters(run)
     )
     return (
-        "<p class=what>Bold: not at its default.</p>"
-        f"<div class=scroll><table><tbody>{rows}</tbody></table></div>"
+        "<p class=what>Bold: not at its default.</p><details><summary>All parameters</summary>"
+        '<div class=scroll><table class=figures><thead><tr><th scope="col">Parameter</th>'
+        '<th scope="col" class=n>Value</th><th scope="col">What it is</th></tr></thead>'
+        f"<tbody>{rows}</tbody></table></div></details>"
     )

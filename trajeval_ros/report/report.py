@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.causes import likely_causes
 from trajeval_ros.diagnosis.fitted import fitted_causes, together
@@ -32,7 +33,8 @@ class Report:
 
     ``parameters`` are the engine's, ``sources`` say where each trajectory comes from, e.g.
     ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices`` and ``way``, to be set,
-    are the engine's at the time of the report; ``model`` is the error model, once there is one.
+    are the engine's at the time of the report; ``model`` is the error model, once there is one;
+    ``growth``: of a whole run, how errors grow over "time" and "distance".
 
     No defect of it is raised: :attr:`defects` has a line for each kind.
     """
@@ -52,6 +54,7 @@ class Report:
         self.way: Way | None = None
         self.of_rows: tuple[Cause, ...] = ()
         self.model: Mapping[str, Any] | None = None
+        self.growth: Mapping[str, tuple[Box, ...]] = {}
 
     def say(self, line: str) -> None:
         """Remember what has failed, in one line; each line once."""
@@ -82,10 +85,10 @@ class Report:
         return self.of_rows + of_poses
 
     def _causes(self) -> tuple[Cause, ...]:
-        buckets = self.track.buckets()
-        known = np.trace(buckets["covariance"], axis1=1, axis2=2)
+        poses = self.track.poses()
+        known = np.trace(poses["covariance"], axis1=1, axis2=2)
         good = known < 10.0 * np.median(known) if len(known) else np.empty(0, bool)
-        chosen = buckets[good]
+        chosen = poses[good]
         numbers = np.array(self.parameters["extrinsic"])
         extrinsic = se3.from_position_quaternion(numbers[:3], numbers[3:])
         gauge, offset = self.parameters["gauge"], float(self.parameters["estimate.time_offset"])
@@ -111,14 +114,15 @@ class Report:
             notices=self.notices,
             causes=causes,
             defects=self.defects,
-            buckets=self.track.buckets(),
+            poses=self.track.poses(),
             ground_truth=self.ground_truth,
             estimate=self.estimate,
             way=self.way,
+            growth=self.growth,
         )
 
     def render(self, summary: Mapping[str, Any]) -> str:
-        """Return the page. Without matplotlib it has the tables, and says how to get the rest."""
+        """Return the page."""
         page = shield("the report", lambda: self._page(summary), None, self.say)
         return self._plain_page(summary) if page is None else page
 
@@ -129,11 +133,39 @@ class Report:
         return page(self.run(summary), self.say)
 
     def _plain_page(self, summary: Mapping[str, Any]) -> str:
-        """The figures and why there is no more, so that no page of an earlier run stays."""
-        said = "".join(f"<p>{html.escape(line)}</p>" for line in self.defects)
-        figures = html.escape(json.dumps(summary, indent=2, default=str))
-        return (
-            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-            "<title>Trajectory evaluation</title></head><body><h1>Trajectory evaluation</h1>\n"
-            f"{said}\n<pre>{figures}</pre></body></html>\n"
-        )
+        return _plain_page(summary, self.defects)
+
+
+def render_several(
+    reports: Mapping[str, Report], summary: Mapping[str, Any], sentences: Sequence[str]
+) -> str:
+    """Return the page of several estimates of one run, by their names.
+
+    ``summary``: that of all; ``sentences``: how they compare.
+    """
+    defects: list[str] = []
+
+    def page() -> str:
+        from trajeval_ros.report.page import page_of_several
+
+        truth = summary["ground_truth"]
+        runs = {
+            name: report.run({**summary["estimates"][name], "ground_truth": truth})
+            for name, report in reports.items()
+        }
+        return page_of_several(runs, sentences, defects.append)
+
+    nothing: str | None = None
+    found = shield("the report", page, nothing, defects.append)
+    return _plain_page(summary, defects) if found is None else found
+
+
+def _plain_page(summary: Mapping[str, Any], defects: Sequence[str]) -> str:
+    """The figures and why there is no more, so that no page of an earlier run stays."""
+    said = "".join(f"<p>{html.escape(line)}</p>" for line in defects)
+    figures = html.escape(json.dumps(summary, indent=2, default=str))
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        "<title>Trajectory evaluation</title></head><body><h1>Trajectory evaluation</h1>\n"
+        f"{said}\n<pre>{figures}</pre></body></html>\n"
+    )

@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.results import Notice
@@ -19,9 +20,10 @@ from trajeval_ros.report.track import Records
 class Run:
     """Everything the report shows.
 
-    ``summary`` and ``parameters`` are the engine's, ``buckets`` are :data:`track.FIELDS` records in
+    ``summary`` and ``parameters`` are the engine's, ``poses`` are :data:`track.FIELDS` records in
     time order, ``sources`` say where each trajectory comes from, ``defects`` what failed, ``way``
-    is the ground truth's, also where there is no estimate.
+    is the ground truth's, also where there is no estimate, ``growth`` of a whole run how errors
+    grow over "time" and "distance".
     """
 
     summary: Mapping[str, Any]
@@ -30,7 +32,8 @@ class Run:
     notices: tuple[Notice, ...]
     causes: tuple[Cause, ...]
     defects: tuple[str, ...]
-    buckets: Records
+    poses: Records
     ground_truth: Coverage
     estimate: Coverage
     way: Way | None = None
+    growth: Mapping[str, tuple[Box, ...]] = field(default_factory=dict)

@@ -17,23 +17,26 @@ from trajeval_ros.report.run import Run
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 
+# Ten times the usual variance is no longer usual.
+_USUAL = 10.0**0.5
+
 
 @dataclass(frozen=True)
 class Series:
-    """Arrays over B buckets in time order.
+    """Arrays over B poses in time order.
 
     Seconds count from ``start`` on the ground truth's clock.
-    ``seconds`` (B,) of each bucket's worst pose with ``ground_truth`` (B, 3) and ``estimate``
-    (B, 3), aligned, positions in the ground truth's world, ``translation_error``,
-    ``rotation_error`` (B,) in m and rad, under ATE's alignment (``is_ate``), or, where the motion
-    does not show that, under the likelihood's; ``translation_axes``, ``rotation_axes`` (B, 3) the
-    same along and about the world's axes;
+    ``seconds`` (B,) of each pose with ``ground_truth`` (B, 3) and ``estimate`` (B, 3), positions in
+    the ground truth's world, the latter under ``alignment``, ``translation_error``,
+    ``rotation_error`` (B,) in m and rad: the alignment is ATE's (``is_ate``), or, where the motion
+    does not show that, the likelihood's; ``translation_axes``, ``rotation_axes`` (B, 3) the
+    same along and about the world's axes; ``raw_rotation_error`` (B,) rad, without an alignment;
     ``translation_band``, ``rotation_band`` (B,) two standard deviations of the ground truth along
-    its least certain axis, ``position_covariance`` (B, 3, 3) in the world's axes.
+    its least certain axis, ``position_covariance`` (B, 3, 3) in the world's axes;
+    ``has_rotation``: whether the orientations mean something.
 
-    ``ends`` (B,) seconds of each bucket's last pose with the running totals there, nats;
-    ``window_*`` over the window that ends there, in which χ² has ``window_dof`` degrees of
-    freedom.
+    ``*_log_likelihood`` (B,) the running totals, nats; ``window_*`` over the window that ends
+    there, in which χ² has ``window_dof`` degrees of freedom.
     """
 
     start: int
@@ -41,15 +44,17 @@ class Series:
     seconds: Array
     ground_truth: Array
     estimate: Array
+    alignment: Similarity
     is_ate: bool
+    has_rotation: bool
     translation_error: Array
     rotation_error: Array
     translation_axes: Array
     rotation_axes: Array
+    raw_rotation_error: Array
     translation_band: Array
     rotation_band: Array
     position_covariance: Array
-    ends: Array
     relative_log_likelihood: Array
     absolute_log_likelihood: Array
     window_relative: Array
@@ -59,11 +64,16 @@ class Series:
 
     @property
     def worst(self) -> int:
-        """Index of the bucket that is furthest off beyond what the ground truth is known to.
+        """Index of the pose that is furthest off beyond what the ground truth is known to.
 
         Where the ground truth is a guess itself, in a gap, a large difference says little.
         """
         return int(np.argmax(self.translation_error - self.translation_band))
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """Where the ground truth is known about as well as usual: not in its gaps, (B,)."""
+        return np.asarray(self.translation_band < _USUAL * np.median(self.translation_band))
 
     @property
     def breaks(self) -> npt.NDArray[np.intp]:
@@ -86,49 +96,51 @@ def span(run: Run) -> tuple[int, int]:
         *(m for m in (run.ground_truth.earliest, run.ground_truth.latest) if m is not None),
         *(m + offset(run) for m in (run.estimate.earliest, run.estimate.latest) if m is not None),
     ]
-    if len(run.buckets):
-        moments += [int(run.buckets["stamp"].min()) + offset(run)]
-        moments += [int(run.buckets["last_stamp"].max()) + offset(run)]
+    if len(run.poses):
+        moments += [int(run.poses["stamp"][place]) + offset(run) for place in (0, -1)]
     return (min(moments), max(moments)) if moments else (0, 0)
 
 
 def make_series(run: Run) -> Series:
     """Compute the series of a run with at least one evaluated pose."""
-    buckets = run.buckets
+    poses = run.poses
     start, end = span(run)
     similarity, is_ate = _alignment(run)
-    estimate = similarity.apply(buckets["estimate"])
-    error = se3.log(se3.compose(se3.inverse(buckets["ground_truth"]), estimate))
-    difference = estimate[:, :3, 3] - buckets["ground_truth"][:, :3, 3]
-    covariance = buckets["covariance"]
-    rotation = buckets["ground_truth"][:, :3, :3]
+    estimate = similarity.apply(poses["estimate"])
+    back = poses["ground_truth"][:, :3, :3].swapaxes(-1, -2)
+    error = se3.log_so3(back @ estimate[:, :3, :3])
+    raw = se3.log_so3(back @ poses["estimate"][:, :3, :3])
+    difference = estimate[:, :3, 3] - poses["ground_truth"][:, :3, 3]
+    covariance = poses["covariance"]
+    rotation = poses["ground_truth"][:, :3, :3]
     clock = offset(run)
-    ends = (buckets["last_stamp"] + clock - start) / SECOND
     window = float(run.parameters["window.duration"])
-    before = np.searchsorted(buckets["last_stamp"], buckets["last_stamp"] - round(window * SECOND))
+    before = np.searchsorted(poses["stamp"], poses["stamp"] - round(window * SECOND))
 
     def within(name: str) -> Array:
         # NaN, the total before anything was known, counts as nothing.
-        total = np.concatenate([[0.0], np.nan_to_num(buckets[name].astype(np.float64))])
+        total = np.concatenate([[0.0], np.nan_to_num(poses[name].astype(np.float64))])
         return np.asarray(total[1:] - total[before])
 
     return Series(
         start=start,
         end=(end - start) / SECOND,
-        seconds=(buckets["stamp"] + clock - start) / SECOND,
-        ground_truth=buckets["ground_truth"][:, :3, 3],
+        seconds=(poses["stamp"] + clock - start) / SECOND,
+        ground_truth=poses["ground_truth"][:, :3, 3],
         estimate=estimate[:, :3, 3],
+        alignment=similarity,
         is_ate=is_ate,
+        has_rotation=not run.summary.get("position_only"),
         translation_error=np.linalg.norm(difference, axis=-1),
-        rotation_error=np.linalg.norm(error[:, 3:], axis=-1),
+        rotation_error=np.linalg.norm(error, axis=-1),
         translation_axes=difference,
-        rotation_axes=np.einsum("bij,bj->bi", rotation, error[:, 3:]),
+        rotation_axes=np.einsum("bij,bj->bi", rotation, error),
+        raw_rotation_error=np.linalg.norm(raw, axis=-1),
         translation_band=2.0 * _widest(covariance[:, :3, :3]),
         rotation_band=2.0 * _widest(covariance[:, 3:, 3:]),
         position_covariance=rotation @ covariance[:, :3, :3] @ rotation.swapaxes(-1, -2),
-        ends=ends,
-        relative_log_likelihood=buckets["relative_log_likelihood"],
-        absolute_log_likelihood=buckets["absolute_log_likelihood"],
+        relative_log_likelihood=poses["relative_log_likelihood"],
+        absolute_log_likelihood=poses["absolute_log_likelihood"],
         window_relative=within("relative_log_likelihood"),
         window_absolute=within("absolute_log_likelihood"),
         window_chi2=within("relative_chi2"),
@@ -139,10 +151,8 @@ def make_series(run: Run) -> Series:
 def _alignment(run: Run) -> tuple[Similarity, bool]:
     """The estimate's world in the ground truth's, and whether it is the one that ATE is under."""
     conventional = run.summary["conventional"]
-    is_ate = None not in (
-        conventional.get("ate_translation_rmse"),
-        conventional.get("ate_rotation_rmse"),
-    )
+    rotation = run.summary.get("position_only") or conventional.get("ate_rotation_rmse")
+    is_ate = None not in (conventional.get("ate_translation_rmse"), rotation)
     found = conventional["alignment"] if is_ate else run.summary["absolute"]["alignment"]
     pose = np.array(found["pose"])
     return Similarity(se3.from_position_quaternion(pose[:3], pose[3:]), found["scale"]), is_ate

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the report remembers of the evaluated poses, in bounded memory.
 
-Poses are gathered into buckets of equal count. A bucket is shown by its worst pose, so that a
-peak of the error is never lost, and carries the running totals as they stood at its end, so that
-sums over any span of buckets are exact. When there are too many buckets, neighbours are merged.
+Some of the poses, each with the run's totals as they stood there, so that sums over any span
+between two of them are exact. Of each stretch the poses stay with the largest error in translation
+and in rotation, so that no peak is lost.
 """
 
 from __future__ import annotations
@@ -18,18 +18,13 @@ Array = npt.NDArray[np.float64]
 
 FIELDS = np.dtype(
     [
-        # of the worst pose, the one with the largest absolute translation error
         ("stamp", np.int64),
         ("ground_truth", np.float64, (4, 4)),
         ("estimate", np.float64, (4, 4)),
         ("covariance", np.float64, (6, 6)),
         ("absolute_translation_error", np.float64),
         ("absolute_rotation_error", np.float64),
-        # largest of the bucket; NaN where there is none yet
-        ("relative_translation_error", np.float64),
-        ("relative_rotation_error", np.float64),
-        # at the end of the bucket
-        ("last_stamp", np.int64),
+        # of the run by then, this pose included
         ("count", np.int64),
         ("relative_log_likelihood", np.float64),
         ("absolute_log_likelihood", np.float64),
@@ -37,28 +32,25 @@ FIELDS = np.dtype(
         ("relative_log_det", np.float64),
     ]
 )
-_LARGEST = ("relative_translation_error", "relative_rotation_error")
-_AT_END = (
-    "last_stamp",
-    "count",
-    "relative_log_likelihood",
-    "absolute_log_likelihood",
-    "relative_chi2",
-    "relative_log_det",
-)
 
 Records = npt.NDArray[np.void]
 
 
 class Track:
-    """Evaluated poses of a run, at most ``2 * capacity`` buckets of them."""
+    """Evaluated poses of a run, about ``2 * capacity`` of them at most, the first and the last too.
+
+    What is kept does not depend on how the poses are cut into batches.
+    """
 
     def __init__(self, capacity: int = 2048) -> None:
         self._capacity = capacity
-        self._buckets: Records = np.empty(2 * capacity, FIELDS)
+        self._kept: Records = np.empty(2 * capacity, FIELDS)
         self._used = 0
-        self._stride = 1
+        # Of so many poses, two are kept.
+        self._group = 2
         self._pending: Records = np.empty(0, FIELDS)
+        self._first: Records = np.empty(0, FIELDS)
+        self._newest: Records = np.empty(0, FIELDS)
         self._count = 0
         self._chi2 = 0.0
         self._log_det = 0.0
@@ -67,33 +59,35 @@ class Track:
         """Take in evaluated poses, later than all before them."""
         if len(results.evaluations) == 0:
             return
-        waiting = np.concatenate([self._pending, self._records(results)])
-        while len(waiting) >= self._stride:
-            room = len(self._buckets) - self._used
-            full = min(room, len(waiting) // self._stride)
-            taken, waiting = np.split(waiting, [full * self._stride])
-            self._buckets[self._used : self._used + full] = _merge(taken, self._stride)
-            self._used += full
-            if self._used == len(self._buckets):
-                self._buckets[: self._capacity] = _merge(self._buckets, 2)
+        records = self._records(results)
+        if not len(self._first):
+            self._first = records[:1].copy()
+        self._newest = records[-1:].copy()
+        waiting = np.concatenate([self._pending, records])
+        while len(waiting) >= self._group:
+            room = (len(self._kept) - self._used) // 2
+            full = min(room, len(waiting) // self._group)
+            taken, waiting = np.split(waiting, [full * self._group])
+            self._kept[self._used : self._used + 2 * full] = _largest(taken, self._group)
+            self._used += 2 * full
+            if self._used == len(self._kept):
+                self._kept[: self._capacity] = _largest(self._kept, 4)
                 self._used = self._capacity
-                self._stride *= 2
+                self._group *= 2
         self._pending = waiting
 
     def _records(self, results: Results) -> Records:
         evaluations, total = results.evaluations, results.absolute_log_likelihood
         records = np.empty(len(evaluations.stamps), FIELDS)
-        absolute, relative = evaluations.absolute_error, evaluations.relative_error
+        absolute = evaluations.absolute_error
         chi2 = self._chi2 + np.cumsum(evaluations.chi2)
         log_det = self._log_det + np.cumsum(evaluations.log_det)
-        records["stamp"] = records["last_stamp"] = evaluations.stamps
+        records["stamp"] = evaluations.stamps
         records["ground_truth"] = evaluations.ground_truth
         records["estimate"] = evaluations.estimate
         records["covariance"] = evaluations.covariance
         records["absolute_translation_error"] = np.linalg.norm(absolute[:, :3], axis=-1)
         records["absolute_rotation_error"] = np.linalg.norm(absolute[:, 3:], axis=-1)
-        records["relative_translation_error"] = np.linalg.norm(relative[:, :3], axis=-1)
-        records["relative_rotation_error"] = np.linalg.norm(relative[:, 3:], axis=-1)
         records["count"] = self._count + 1 + np.arange(len(records))
         records["relative_log_likelihood"] = evaluations.relative_log_likelihood
         records["absolute_log_likelihood"] = np.nan if total is None else total
@@ -103,19 +97,31 @@ class Track:
         self._chi2, self._log_det = float(chi2[-1]), float(log_det[-1])
         return records
 
-    def buckets(self) -> Records:
-        """All buckets so far, an unfinished last one included."""
-        rest = [_merge(self._pending, len(self._pending))] if len(self._pending) else []
-        return np.concatenate([self._buckets[: self._used], *rest])
+    def poses(self) -> Records:
+        """Those that are kept so far, in the order of time."""
+        rest = self._pending
+        if len(rest) > 2:
+            rest = _largest(rest, len(rest))
+        found = np.concatenate([self._first, self._kept[: self._used], rest, self._newest])
+        # The first and the newest may be among the others.
+        return found[np.unique(found["stamp"], return_index=True)[1]]
 
 
-def _merge(records: Records, size: int) -> Records:
-    """Merge each ``size`` consecutive records into one."""
+def _largest(records: Records, size: int) -> Records:
+    """Of each ``size`` consecutive records the two with the largest errors, in their order.
+
+    In translation and in rotation; where that is one, also the one with the smallest translation
+    error, or where all are alike the next.
+    """
     groups = records.reshape(-1, size)
-    error = np.nan_to_num(groups["absolute_translation_error"], nan=-1.0)
-    merged: Records = groups[np.arange(len(groups)), np.argmax(error, axis=1)].copy()
-    for name in _LARGEST:
-        merged[name] = np.fmax.reduce(groups[name], axis=1)
-    for name in _AT_END:
-        merged[name] = groups[:, -1][name]
-    return merged
+    rows = np.arange(len(groups))
+    translation, rotation = (
+        np.nan_to_num(groups[f"absolute_{part}_error"], nan=-1.0)
+        for part in ("translation", "rotation")
+    )
+    first, second = np.argmax(translation, axis=1), np.argmax(rotation, axis=1)
+    others = translation.copy()
+    others[rows, first] = np.inf
+    second = np.where(second == first, np.argmin(others, axis=1), second)
+    chosen = np.sort(np.stack([first, second], axis=1), axis=1)
+    return np.asarray(groups[rows[:, None], chosen].reshape(-1))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.report import covered
 from trajeval_ros.report.coverage import SECOND, Coverage
 from trajeval_ros.report.run import Run
-from trajeval_ros.report.series import Series, coverage_gaps, span
+from trajeval_ros.report.series import Array, Series, coverage_gaps, span
 
 Figures = Mapping[str, Any]
 Row = tuple[str, str, str]
@@ -75,10 +75,20 @@ def p_value(figures: Figures) -> float | None:
 
 def verdict(run: Run, series: Series | None) -> str:
     """Return how good it is, where it is bad, and whether the ground truth can be trusted."""
-    summary = run.summary
     if series is None:
         return "No estimate has been evaluated."
     worst = series.worst
+    return (
+        f"{lead(run)} The estimate is furthest off at {series.seconds[worst]:.1f} s, by"
+        f" <b>{length(series.translation_error[worst])}</b>, where the ground truth is known to"
+        f" {length(series.translation_band[worst])} (two standard deviations)."
+        f" {_trust(run, series)}"
+    )
+
+
+def lead(run: Run) -> str:
+    """Return how much is covered, and how the error compares with the ground truth's."""
+    summary = run.summary
     sentences = [_covered(summary["coverage"])]
     # A relative likelihood does not know the scale.
     which = "absolute" if summary["gauge"] == "sim3" else "relative"
@@ -94,13 +104,29 @@ def verdict(run: Run, series: Series | None) -> str:
                 f"{over}, the error is worth"
                 f" <b>{number(worth, 3)} standard deviations</b> of the ground truth."
             )
-    sentences.append(
-        f"The estimate is furthest off at {series.seconds[worst]:.1f} s, by"
-        f" <b>{length(series.translation_error[worst])}</b>, where the ground truth is known to"
-        f" {length(series.translation_band[worst])} (two standard deviations)."
-    )
-    sentences.append(_trust(run, series))
     return " ".join(sentences)
+
+
+def spread(name: str, series: Series) -> list[str]:
+    """A sentence on the size of the errors for each part; ``name``: of the estimate, if said."""
+    parts: list[tuple[str, Array, Callable[[float], str]]] = [
+        ("Translation", series.translation_error, length)
+    ]
+    if series.has_rotation:
+        parts.append(("Rotation", series.rotation_error, angle))
+    said = []
+    known = series.known
+    aside = "" if known.all() else " (in gaps of the ground truth aside)"
+    for part, every, show in parts:
+        errors = every[known]
+        median, most = (show(float(value)) for value in np.quantile(errors, (0.5, 0.95)))
+        largest = int(np.argmax(errors))
+        title = f"{name}, {part.lower()}" if name else part
+        said.append(
+            f"{title}: median {median}, nineteen in twenty below {most}, largest"
+            f" {show(float(errors[largest]))} at {series.seconds[known][largest]:.1f} s{aside}."
+        )
+    return said
 
 
 def _covered(coverage: Figures) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.comparison.compare import Evaluated
+from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.lost import lost
 from trajeval_ros.files.output import OutputError, OutputFolder
@@ -26,7 +27,7 @@ from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
 from trajeval_ros.online.settings import EvaluationSettings
-from trajeval_ros.online.whole_run import Poses, whole_run
+from trajeval_ros.online.whole_run import Poses, grown, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_models, put_into
 from trajeval_ros.runs.headline import with_headline
@@ -182,6 +183,13 @@ def completed(
         summary = without_orientation(summary)
         report.notices = notices_on_positions(report.notices)
     if len(kept.stamps) and not position_only:
+        none: dict[str, tuple[Box, ...]] = {}
+        report.growth = shield(
+            "the growth of errors",
+            lambda: kept.grown(engine.settings.evaluation),
+            none,
+            report.say,
+        )
         lack: dict[str, Figures] = {}
         models = shield(
             "the error model",
@@ -303,9 +311,16 @@ class WholeRun:
 
     def complete(self, summary: Figures, settings: EvaluationSettings) -> Figures:
         """Return the summary with the figures that need all poses."""
+        return whole_run(summary, self._all(), settings)
+
+    def grown(self, settings: EvaluationSettings) -> dict[str, tuple[Box, ...]]:
+        """Return how errors grow with the length of the sub-trajectory."""
+        return grown(self._all(), settings)
+
+    def _all(self) -> Poses:
         names = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
         columns = {name: self._column(name) for name in names}
-        return whole_run(summary, Poses(**columns, cross=tuple(self._cross)), settings)
+        return Poses(**columns, cross=tuple(self._cross))
 
     def _column(self, name: str) -> npt.NDArray[Any]:
         return np.concatenate([getattr(poses, name) for poses in self._poses])
