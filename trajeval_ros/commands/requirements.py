@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from trajeval_ros.commands.console import UsageError
-from trajeval_ros.commands.summary_paths import why_unknown
+from trajeval_ros.commands.summary_paths import is_of_one, why_unknown
 
 Figures = Mapping[str, Any]
 Scalar = float | int | str | bool | None
@@ -109,7 +109,7 @@ def _values(
         yield "", _look_up(summary, path)
         return
     estimates = summary["estimates"]
-    if path[0] in names:
+    if is_of_one(path, names):
         yield "", _look_up(estimates[path[0]], path[1:])
     elif path[0] in summary:
         yield "", _look_up(summary, path)

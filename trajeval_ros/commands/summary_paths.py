@@ -131,17 +131,29 @@ def why_unknown(path: Path, names: Sequence[str], *, group: bool = False) -> str
     """
     one, of_all = _figures(several=len(names) > 1)
     figures, before = one, ""
-    if len(names) > 1:
-        if path[0] in names:
-            before, path = f"{path[0]}.", path[1:]
-        elif path[0] in ("ground_truth", "comparison"):
-            figures = of_all
-    asked = re.sub(r"(?<=\.)\d+(?=\.|$)", "*", ".".join(path))
+    if is_of_one(path, names):
+        before, path = f"{path[0]}.", path[1:]
+    elif len(names) > 1 and path[0] in ("ground_truth", "comparison"):
+        figures = of_all
+    asked = _pattern(path)
     if asked in figures or (group and any(name.startswith(f"{asked}.") for name in figures)):
         return None
     near = [before + each.replace("*", "0") for each in _near(asked, figures)]
     hint = f"; near it: {', '.join(near)}" if near else ""
     return f"no summary has a figure {before}{'.'.join(path)}{hint}"
+
+
+def is_of_one(path: Path, names: Sequence[str]) -> bool:
+    """Whether a path is of one of several estimates, which its first word names.
+
+    An estimate may be called as a part of a summary is: ``estimate.received`` is each one's.
+    """
+    of_each = _figures(several=True)[0]
+    return len(names) > 1 and path[0] in names and _pattern(path) not in of_each
+
+
+def _pattern(path: Path) -> str:
+    return re.sub(r"(?<=\.)\d+(?=\.|$)", "*", ".".join(path))
 
 
 def _near(asked: str, figures: Sequence[str]) -> list[str]:
