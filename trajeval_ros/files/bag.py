@@ -25,6 +25,7 @@ import numpy as np
 from trajeval_ros import se3
 from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, PathMessage, decode_path, path_of
 from trajeval_ros.files.salvage import lone_bag, salvaged
+from trajeval_ros.files.salvage_ros1 import salvaged_ros1
 from trajeval_ros.files.text import PathLike
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 from trajeval_ros.files.transforms import Edge, composed, finest, way
@@ -297,7 +298,7 @@ def _salvaged(source: str, place: Path, stack: contextlib.ExitStack, why: Except
         if len(bags) != 1:
             return None
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trajeval_ros_")))
-        return salvaged(bags[0], folder)
+        return salvaged(bags[0], folder) or salvaged_ros1(bags[0], folder)
     except OSError as error:
         raise TrajectoryFileError(
             source, f"it is cut off, and its readable part cannot be kept: {error.strerror}"
