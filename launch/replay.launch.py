@@ -29,14 +29,16 @@ ARGUMENTS = (
     ("bag", None, "The bag to play"),
     ("rate", "1.0", "Times the recorded speed"),
     ("estimate", "estimate", "Topic of the estimate"),
+    ("estimates", "", "Several instead of one: name=topic,name=topic"),
     ("ground_truth", "ground_truth", "Topic of the ground truth"),
-    ("params_file", os.path.join(SHARE, "config", "evaluator.yaml"), "Parameters of the node"),
+    ("params_file", "", "Parameters of the node; when empty those of the package"),
     ("output_directory", "", "Where the results are written at the end; nowhere when empty"),
     ("namespace", "", "Namespace of the node"),
     ("rviz", "false", "Start RViz too"),
 )
 PASSED_ON = (
     "estimate",
+    "estimates",
     "ground_truth",
     "params_file",
     "output_directory",

@@ -46,8 +46,7 @@ def metrics() -> Mapping[str, Mapping[str, str]]:
     return flatten(engine.summary())
 
 
-@pytest.fixture(scope="module")
-def topics() -> dict[str, str]:
+def published(*arguments: str) -> dict[str, str]:
     """Topics and types of the real node, as the ROS graph has them."""
     rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
     from rclpy.signals import SignalHandlerOptions
@@ -60,7 +59,7 @@ def topics() -> dict[str, str]:
         patch.setenv("ROS_DOMAIN_ID", str(domain))
         for name, value in environment.items():
             patch.setenv(name, value)
-        node = subprocess.Popen([sys.executable, "-m", "trajeval_ros.node.main"])
+        node = subprocess.Popen([sys.executable, "-m", "trajeval_ros.node.main", *arguments])
         context = rclpy.context.Context()
         rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
         watcher = rclpy.create_node("watcher", context=context)
@@ -78,6 +77,11 @@ def topics() -> dict[str, str]:
         node.send_signal(signal.SIGINT)
         assert node.wait(20.0) == 0
     return found
+
+
+@pytest.fixture(scope="module")
+def topics() -> dict[str, str]:
+    return published()
 
 
 def message(type_name: str) -> Any:
@@ -171,6 +175,47 @@ def test_plotjuggler_topics_and_fields_exist(topics: dict[str, str]) -> None:
             assert has_field(topics[topic], curve.removeprefix(f"{topic}/").replace("/", ".")), (
                 curve
             )
+
+
+@pytest.mark.ros
+def test_those_of_named_estimates_lead_somewhere(
+    tmp_path: Path, metrics: Mapping[str, Mapping[str, str]]
+) -> None:
+    names = ["vins", "orb"]
+    script = ROOT / "dashboards" / "for_estimates.py"
+    subprocess.run([sys.executable, script, *names], cwd=tmp_path, check=True)
+    foxglove = json.loads((tmp_path / "foxglove_vins_orb.json").read_text(encoding="utf-8"))
+    plotjuggler = ElementTree.parse(tmp_path / "plotjuggler_vins_orb.xml").getroot()
+    topics = published("--ros-args", "-p", "estimates:=[vins, orb]")
+
+    shown = set(foxglove["configById"]["3D!trajectory"]["topics"])
+    assert shown <= set(topics)
+    assert {"/evaluator/vins/path", "/evaluator/orb/path", "/evaluator/ground_truth/path"} <= shown
+    paths = [
+        p["value"] for panel in foxglove["configById"].values() for p in panel.get("paths", ())
+    ]
+    assert len(paths) == 2 * len(foxglove_paths())
+    for path in paths:
+        topic, _, field = path.partition(".")
+        assert topic in topics, path
+        asked = re.findall(r'=="([^"]+)"', path)
+        if asked:
+            name, _, status = asked[0].partition(": ")
+            assert name in names
+            assert asked[1] in metrics[status]
+        else:
+            assert has_field(topics[topic], field), path
+    selected = plotjuggler.find("Plugins/plugin/selected_topics")
+    assert selected is not None
+    assert set(selected.attrib["value"].split(";")) <= set(topics)
+    drawn = [curve.attrib["name"] for curve in plotjuggler.iter("curve")]
+    assert len(drawn) == 2 * len(curves())
+    for curve in drawn:
+        if curve.startswith(METRICS):
+            status, key = curve.removeprefix(f"{METRICS}/").split("/")
+            assert key in metrics[status.partition(": ")[2]]
+        else:
+            assert "/".join(curve.split("/")[:5]) in topics
 
 
 def test_what_is_not_there_is_noticed() -> None:

@@ -5,7 +5,13 @@
 from __future__ import annotations
 
 import ast
+import json
+import os
 import runpy
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -68,7 +74,117 @@ def test_a_launch_file_parses_and_names_what_is_there(name: str) -> None:
         assert (ROOT / "launch" / file).exists()
 
 
-@pytest.mark.parametrize("name", ["evaluator.launch.py", "replay.launch.py"])
-def test_a_launch_file_describes_a_launch(name: str) -> None:
+# What stands for an executable: it writes down how it was started.
+_RECORDER = """#!{python}
+import json, pathlib, sys
+given = sys.argv[1:]
+files = [pathlib.Path(b).read_text() for a, b in zip(given, given[1:]) if a == "--params-file"]
+pathlib.Path({record!r}).write_text(json.dumps([given, files]))
+"""
+_LAUNCH = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+arguments = [pair.split(":=", 1) for pair in sys.argv[2:]]
+source = PythonLaunchDescriptionSource(sys.argv[1])
+service = LaunchService(noninteractive=True)
+description = IncludeLaunchDescription(source, launch_arguments=arguments)
+service.include_launch_description(LaunchDescription([description]))
+sys.exit(service.run())
+"""
+
+
+class Launched:
+    """How an executable was started: its remappings, its parameters, its arguments."""
+
+    def __init__(self, record: Path) -> None:
+        self.arguments, files = json.loads(record.read_text(encoding="utf-8"))
+        pairs = list(pairwise(self.arguments))
+        self.remaps = {given for flag, given in pairs if flag == "-r" and "__" not in given}
+        self.parameters: dict[str, object] = {}
+        for file in files:
+            # rcl's reader knows no tags, and launch_ros writes lists as Python's tuples.
+            (values,) = yaml.safe_load(file.replace("!!python/tuple", "")).values()
+            self.parameters |= values["ros__parameters"]
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Callable[..., dict[str, Launched]]:
+    """Launch the file with arguments, really, with executables that write down their start."""
     pytest.importorskip("launch_ros", reason="launch_ros comes with ROS 2 only")
-    runpy.run_path(str(ROOT / "launch" / name))["generate_launch_description"]()
+    records = {}
+    for package, executable in (("trajeval_ros", "evaluator"), ("rviz2", "rviz2")):
+        index = tmp_path / "share" / "ament_index" / "resource_index" / "packages"
+        index.mkdir(parents=True, exist_ok=True)
+        (index / package).touch()
+        path = tmp_path / "lib" / package / executable
+        path.parent.mkdir(parents=True)
+        records[executable] = tmp_path / f"{executable}.json"
+        text = _RECORDER.format(python=sys.executable, record=str(records[executable]))
+        path.write_text(text, encoding="utf-8")
+        path.chmod(0o755)
+    (tmp_path / "share" / "trajeval_ros").mkdir()
+    for folder in ("config", "launch"):
+        (tmp_path / "share" / "trajeval_ros" / folder).symlink_to(ROOT / folder)
+    environment = {"AMENT_PREFIX_PATH": str(tmp_path), "ROS_LOG_DIR": str(tmp_path / "log")}
+
+    def run(**arguments: str) -> dict[str, Launched]:
+        command = [sys.executable, "-c", _LAUNCH, str(ROOT / "launch" / "evaluator.launch.py")]
+        done = subprocess.run(
+            [*command, *(f"{name}:={value}" for name, value in arguments.items())],
+            env={**os.environ, **environment},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return {name: Launched(path) for name, path in records.items() if path.exists()}
+
+    return run
+
+
+Launch = Callable[..., dict[str, Launched]]
+
+
+def test_several_estimates_are_launched(launch: Launch) -> None:
+    node = launch(estimates="vins=/vins/odometry, orb=/orb/pose")["evaluator"]
+    assert node.remaps == {
+        "vins:=/vins/odometry",
+        "orb:=/orb/pose",
+        "ground_truth:=ground_truth",
+    }
+    assert node.parameters == {"estimates": ["vins", "orb"]}
+    with pytest.raises(AssertionError, match="estimates must be name=topic,name=topic"):
+        launch(estimates="vins")
+
+
+def test_a_transform_is_launched_as_a_parameter(launch: Launch) -> None:
+    node = launch(estimate="/tf:map.base_link", ground_truth="/vicon")["evaluator"]
+    assert node.remaps == {"ground_truth:=/vicon"}
+    assert node.parameters["estimate.topic"] == "/tf:map.base_link"
+    node = launch(estimates="a=/tf:map.base,b=/b", ground_truth="/tf:w.body")["evaluator"]
+    assert node.remaps == {"b:=/b"}
+    assert node.parameters == {
+        "estimates": ["a", "b"],
+        "a.topic": "/tf:map.base",
+        "ground_truth.topic": "/tf:w.body",
+    }
+
+
+def test_rviz_shows_each_of_several(launch: Launch) -> None:
+    arguments = launch(estimates="vins=/v,orb=/o", rviz="true")["rviz2"].arguments
+    view = Path(arguments[arguments.index("-d") + 1]).read_text(encoding="utf-8")
+    topics = [
+        display["Topic"]["Value"]
+        for display in yaml.safe_load(view)["Visualization Manager"]["Displays"]
+        if "Topic" in display
+    ]
+    assert topics == [
+        "evaluator/ground_truth/path",
+        "evaluator/vins/path",
+        "evaluator/orb/path",
+        "evaluator/markers",
+    ]
