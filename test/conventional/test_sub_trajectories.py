@@ -12,8 +12,10 @@ from twins import sub_trajectory_twin as twin
 
 from trajeval_ros import se3
 from trajeval_ros.conventional.sub_trajectories import (
+    BOX_QUANTILES,
     all_pairs,
     boxes,
+    growth,
     is_noise,
     kitti_drift,
     nearest_ahead,
@@ -234,3 +236,46 @@ def test_all_pairs_by_time():
         for unit in ("s", "m", "f"):
             few = all_pairs(stamps[:count], truth[:count], estimate[:count], 1.0, unit)
             assert few.count == 0
+
+
+# -- growth --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_growth_is_of_the_pairs_that_are_so_far_apart(scale):
+    stamps, truth, estimate = drive(400.0, 4)
+    for place in (stamps * 1e-9, path_along(truth)):
+        found = growth(place, truth, estimate, scale)
+        lengths = [box.length for box in found]
+        assert lengths == sorted(lengths)
+        assert 0.2 * (place[-1] - place[0]) <= lengths[-1] <= 0.5 * (place[-1] - place[0])
+        for box in found:
+            errors = []
+            for i in range(len(place) - 1):
+                ahead = [abs(place[j] - place[i] - box.length) for j in range(i + 1, len(place))]
+                j = i + 1 + int(np.argmin(ahead))
+                if ahead[j - i - 1] <= 0.1 * box.length:
+                    true = np.linalg.inv(truth[i]) @ truth[j]
+                    moved = np.linalg.inv(estimate[i]) @ estimate[j]
+                    errors.append(np.linalg.norm(scale * moved[:3, 3] - true[:3, 3]))
+            assert box.subsequences == len(errors)
+            np.testing.assert_allclose(
+                box.translation, np.quantile(errors, BOX_QUANTILES), rtol=1e-7
+            )
+
+
+def test_growth_of_many_poses_is_of_some_hundred_pairs():
+    stamps, truth, estimate = drive(5000.0, 5)
+    found = growth(stamps * 1e-9, truth, estimate)
+    assert max(box.subsequences for box in found) <= 500
+    assert len(found) <= 10
+    # It drifts.
+    medians = [box.translation[3] for box in found]
+    assert medians[-1] > 10.0 * medians[0]
+
+
+def test_growth_of_nothing():
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    assert growth(np.zeros(0), poses[:0], poses[:0]) == ()
+    assert growth(np.zeros(1), poses[:1], poses[:1]) == ()
+    assert growth(np.zeros(3), poses, poses) == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from error_model.test_fit import DRIFT, ask, estimate
 
-from trajeval_ros.error_model.changes import Stretch, clock_changes
+from trajeval_ros.error_model.changes import Stretch, clock_changes, joined
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.process import Kind
@@ -101,6 +101,25 @@ def stretches(offsets, std=1e-3):
 
 def test_no_stretches_have_no_changes():
     assert clock_changes([]) == ()
+
+
+def test_stretches_are_joined_by_weight():
+    rng = np.random.default_rng(2)
+    parts = [
+        Stretch(i * SECOND, (i + 1) * SECOND - 1, o, s)
+        for i, (o, s) in enumerate(zip(rng.normal(size=47), rng.uniform(0.5, 2.0, 47), strict=True))
+    ]
+    found = joined([*parts[:5], Stretch(5 * SECOND, 5 * SECOND, 9.0, np.inf), *parts[5:]], 20)
+    assert len(found) == 16
+    assert (found[0].begin, found[-1].end) == (parts[0].begin, parts[-1].end)
+    weight = np.array([part.std**-2 for part in parts[:3]])
+    assert found[0].offset == pytest.approx(weight @ [p.offset for p in parts[:3]] / weight.sum())
+    assert found[0].std == pytest.approx(weight.sum() ** -0.5)
+    # However they are joined, all together say the same.
+    (whole,) = joined(found, 1)
+    assert whole.offset == pytest.approx(joined(parts, 1)[0].offset)
+    assert [each.offset for each in joined(parts, 47)] == pytest.approx([p.offset for p in parts])
+    assert joined([], 20) == ()
 
 
 def test_a_steady_rate_and_noise_are_no_changes():

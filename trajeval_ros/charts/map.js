@@ -26,6 +26,7 @@ function errorColour(share) {
 class MapView {
   constructor(board, host, spec) {
     this.board = board;
+    this.host = host;
     this.spec = spec;
     this.yaw = -0.6;
     this.pitch = 0.55;

@@ -178,7 +178,8 @@ def _together(
         try:
             write_summary(Path(output).expanduser(), summary)
             said = [f"{sentence(comparison)}." for comparison in comparisons]
-            write_report(Path(output).expanduser(), render_several(reports, summary, said))
+            said += [cause.sentence for cause in causes]
+            write_report(Path(output).expanduser(), render_several(reports, summaries, said))
         except OutputError as error:
             failures += error.lines
     return _Together(summary, comparisons, causes, tuple(failures))

@@ -48,6 +48,20 @@ class ClockChange:
     std: float
 
 
+def joined(stretches: Sequence[Stretch], most: int) -> tuple[Stretch, ...]:
+    """At most so many stretches: neighbours as one, their offsets' mean by weight."""
+    known = [s for s in stretches if np.isfinite(s.std) and s.std > 0.0]
+    size = max(1, -(-len(known) // most))
+    found = []
+    for first in range(0, len(known), size):
+        parts = known[first : first + size]
+        weight = np.array([part.std**-2 for part in parts])
+        offset = float(weight @ [part.offset for part in parts]) / float(weight.sum())
+        std = float(weight.sum()) ** -0.5
+        found.append(Stretch(parts[0].begin, parts[-1].end, offset, std))
+    return tuple(found)
+
+
 def clock_changes(stretches: Sequence[Stretch]) -> tuple[ClockChange, ...]:
     """Where the offset changes other than at a steady rate; stretches in the order of time.
 

@@ -116,7 +116,8 @@ class ErrorModel:
     log_likelihood: of the errors at the fitted parameters and nuisances, nats, up to the
     alignment, of ``poses`` poses; uncorrected: with no nuisance at all, at the same parameters.
     chi2_per_dof, whiteness: of the innovations; the autocorrelations (2, lags), from lag 1 on.
-    alternatives: nats a pose of each process. clock_changes: other than at a steady rate.
+    alternatives: nats a pose of each process. clock_changes: other than at a steady rate;
+    clock_stretches: what parts of the run say of the offset.
     clock_by_group: the clock offset by positions alone and by orientations alone.
     """
 
@@ -133,6 +134,7 @@ class ErrorModel:
     jumps: tuple[Jump, ...]
     alternatives: dict[Kind, float]
     clock_changes: tuple[ClockChange, ...] = ()
+    clock_stretches: tuple[Stretch, ...] = ()
     clock_by_group: tuple[Figure, ...] = ()
 
     @property
@@ -343,7 +345,7 @@ def _described(
     inflation = np.maximum(here.clustered_ratio(_blocks(here.count))[:count], 1.0)
     step, covariance = _shown(here)
     covariance = covariance * inflation * inflation[:, None]
-    changes = clock_changes(_stretches(stamps, nuisances, found, np.sqrt(np.diag(covariance))))
+    stretches = _stretches(stamps, nuisances, found, np.sqrt(np.diag(covariance)))
     clocks = _clock_by_group(nuisances, found)
     nuisances = nuisances.moved(step)
     white = here.innovations()
@@ -371,7 +373,8 @@ def _described(
         autocorrelation,
         _jumps(stamps, here),
         alternatives,
-        changes,
+        clock_changes(stretches),
+        tuple(stretches),
         clocks,
     )
 

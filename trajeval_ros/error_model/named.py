@@ -9,11 +9,15 @@ from dataclasses import asdict
 import numpy as np
 
 from trajeval_ros import se3
+from trajeval_ros.error_model.changes import joined
 from trajeval_ros.error_model.fit import ErrorModel
 from trajeval_ros.error_model.nuisances import NAMES
 from trajeval_ros.error_model.process import GROUPS, Kind
 
 Figures = dict[str, object]
+
+# Of so many parts of the run it is said what each says of the clock.
+_STRETCHES = 20
 
 
 def named(model: ErrorModel) -> Figures:
@@ -62,4 +66,5 @@ def named(model: ErrorModel) -> Figures:
             for each in model.jumps
         ],
         "clock_changes": [asdict(each) for each in model.clock_changes],
+        "clock_stretches": [asdict(each) for each in joined(model.clock_stretches, _STRETCHES)],
     }

@@ -204,6 +204,7 @@ def combined(blocks: list[_Block]) -> ErrorModel:
             if all(k in m.alternatives for m in models)
         },
         clock_changes(stretches),
+        tuple(stretches),
     )
 
 

@@ -20,7 +20,7 @@ from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations, Notice
-from trajeval_ros.report import Report
+from trajeval_ros.report import Report, render_several
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -194,10 +194,23 @@ class Results(dict[str, Result]):
         """Each comparison as a sentence that a person can repeat."""
         return tuple(f"{sentence(one)}." for one in self.comparison)
 
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write one self-contained page of all, overlaid and compared, to ``path``; return it.
+
+        Raises :class:`OSError` where it cannot be written.
+        """
+        records = {name: result._record for name, result in self.items()}
+        summaries = {name: result.summary for name, result in self.items()}
+        written = Path(path)
+        written.write_text(render_several(records, summaries, self._said), encoding="utf-8")
+        return written
+
+    @property
+    def _said(self) -> tuple[str, ...]:
+        return (*self.sentences, *(cause.sentence for cause in self.causes), *self.defects)
+
     def _repr_html_(self) -> str:
-        causes = (cause.sentence for cause in self.causes)
-        lines = (*self.sentences, *causes, *self.defects)
-        said = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+        said = "".join(f"<li>{html.escape(line)}</li>" for line in self._said)
         return f"<ul>{said}</ul>" + "".join(
             f"<h3>{html.escape(name)}</h3>{result._repr_html_()}" for name, result in self.items()
         )

@@ -54,9 +54,14 @@ def moments(one: Shown) -> list[Moment]:
     """Those of an estimate that has a series."""
     series, summary = one.series, one.run.summary
     assert series is not None
-    worst = series.start + round(series.seconds[series.worst] * SECOND)
-    error = length(float(series.translation_error[series.worst]))
-    found = [Moment("worst", f"worst, {error}", worst, worst)]
+    # Of a whole run the answer names it, of the poses outside the gaps.
+    named = (summary.get("headline") or {}).get("worst")
+    if named is None:
+        worst = series.start + round(series.seconds[series.worst] * SECOND)
+        error = float(series.translation_error[series.worst])
+    else:
+        worst, error = named["stamp"], named["translation"]
+    found = [Moment("worst", f"worst, {length(error)}", worst, worst)]
     model = summary.get("error_model") or {}
     jumps = sorted(model.get("jumps", ()), key=lambda jump: -float(jump["translation"]))
     for jump in jumps[:_MOST]:

@@ -137,27 +137,25 @@ class Report:
 
 
 def render_several(
-    reports: Mapping[str, Report], summary: Mapping[str, Any], sentences: Sequence[str]
+    reports: Mapping[str, Report],
+    summaries: Mapping[str, Mapping[str, Any]],
+    sentences: Sequence[str],
 ) -> str:
     """Return the page of several estimates of one run, by their names.
 
-    ``summary``: that of all; ``sentences``: how they compare.
+    ``summaries``: each one's alone; ``sentences``: how they compare.
     """
     defects: list[str] = []
 
     def page() -> str:
         from trajeval_ros.report.page import page_of_several
 
-        truth = summary["ground_truth"]
-        runs = {
-            name: report.run({**summary["estimates"][name], "ground_truth": truth})
-            for name, report in reports.items()
-        }
+        runs = {name: report.run(summaries[name]) for name, report in reports.items()}
         return page_of_several(runs, sentences, defects.append)
 
     nothing: str | None = None
     found = shield("the report", page, nothing, defects.append)
-    return _plain_page(summary, defects) if found is None else found
+    return _plain_page(summaries, defects) if found is None else found
 
 
 def _plain_page(summary: Mapping[str, Any], defects: Sequence[str]) -> str:
