@@ -16,6 +16,8 @@ EXTRAS = {
     "bags": ["rosbags>=0.10"],
     # evaluate --figures
     "report": ["matplotlib>=3.6"],
+    # watch: the page of the running figures
+    "watch": ["aiohttp>=3.9"],
     # evaluate --rerun; half a gigabyte, and NumPy 2
     "rerun": ["rerun-sdk>=0.41"],
     # Intervals by the stationary bootstrap where two estimates are compared
@@ -43,7 +45,7 @@ EXTRAS = {
     "bench": ["evo", "scikit-learn"],
     "check": ["import-linter", "mypy", "pre-commit", "ruff", "types-PyYAML"],
 }
-EXTRAS["demo"] = EXTRAS["ros"] + EXTRAS["terminal"]
+EXTRAS["demo"] = EXTRAS["ros"] + EXTRAS["terminal"] + EXTRAS["watch"]
 
 setup(
     name=PACKAGE,
@@ -75,6 +77,7 @@ setup(
             "demo = trajeval_ros.commands.demo:main",
             "simulate = trajeval_ros.commands.simulate:main",
             "benchmark = trajeval_ros.commands.benchmark:main",
+            "watch = trajeval_ros.commands.watch:main",
         ],
     },
 )

@@ -21,7 +21,7 @@ from types import ModuleType
 import pytest
 import yaml
 
-from trajeval_ros.commands import benchmark, demo, evaluate, replay, settings, simulate
+from trajeval_ros.commands import benchmark, demo, evaluate, replay, settings, simulate, watch
 from trajeval_ros.commands.inputs import names_of, with_format
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import ONE, PARAMETERS, complete, table
@@ -35,6 +35,7 @@ SOURCES = [
     if path.suffix in {".py", ".yaml"} and path != Path(__file__)
 ]
 PARSERS = {
+    "watch": watch.make_parser,
     "evaluate": evaluate.make_parser,
     "replay": replay.make_parser,
     "simulate": simulate.make_parser,

@@ -25,6 +25,7 @@ ROSDEP_KEYS = {"numpy": "python3-numpy", "scipy": "python3-scipy", "yaml": "pyth
 # import name -> the extra of setup.py that brings it
 OPTIONAL = {
     "rerun": "rerun",
+    "aiohttp": "watch",
     "argcomplete": "completion",
     "arch": "comparison",
     "distributed": "benchmark",
@@ -103,7 +104,15 @@ def test_every_executable_has_its_main(arguments: dict[str, Any]) -> None:
         re.fullmatch(r"(\w+) = (\S+)", line).groups()  # type: ignore[union-attr]
         for line in arguments["entry_points"]["console_scripts"]
     )
-    assert set(scripts) == {"evaluator", "evaluate", "replay", "demo", "simulate", "benchmark"}
+    assert set(scripts) == {
+        "evaluator",
+        "evaluate",
+        "replay",
+        "demo",
+        "simulate",
+        "benchmark",
+        "watch",
+    }
     for target in scripts.values():
         module, _, function = target.partition(":")
         tree = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8"))

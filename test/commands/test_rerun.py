@@ -132,7 +132,8 @@ def test_the_blueprint_has_the_map_the_errors_and_the_answer(one: Path) -> None:
         "Map",
     ]
     said = static["/said"]["TextDocument:text"][0]
-    assert said.startswith("# estimate\n\n- **Error**: jitter ")
+    assert said.startswith("# estimate\n\n- **How good**: ATE ")
+    assert "- **Kind of error**: jitter " in said
     assert "ATE, RMSE" in said
     for entity in ("estimate", "ground_truth"):
         assert static[f"/world/{entity}/path"]["LineStrips3D:strips"][0]

@@ -10,9 +10,9 @@ const PAPER_WIDTH = 720;
  *   zero (the axis begins there), least (a value that the axis is to reach);
  *   lines: [{label, estimate, colour, times, values, raw, breaks, width, dash, kind}]: `estimate`
  *     the name by which it is switched, or null; `raw`: the values where poses are not aligned
- *     (null: there are none); `kind` "line", "step" (a value holds until the next) or "dots";
- *   bands: [{label, estimate, colour, times, low, high, breaks}]: an array each, or null for the
- *     bottom; whiskers: [{estimate, colour, times, low, high}];
+ *     (null: there are none); `limits`: the values that the axis is to reach, where not all; `kind` "line", "step" (a value holds until the next) or "dots";
+ *   bands: [{label, estimate, colour, times, low, high, breaks, counts}]: an array each, or null for
+ *     the bottom; `counts`: whether the axis is to reach them; whiskers: [{estimate, colour, times, low, high}];
  *   levels: [{value, label}]; shades: [[begin, end], ...] without ground truth;
  *   marks: [{time, text}], triangles at the top.
  * Arrays are sorted by `times`, s.
@@ -44,8 +44,18 @@ class TimeChart {
 
   /** Show other data, of the same form. */
   update(spec) {
+    const looks = () => JSON.stringify([...this.drawn, ...this.bands].map(
+      ({ label, colour, kind, width, dash }) => [label, colour, kind, width, dash],
+    ));
+    const before = looks();
     this.spec = { ...this.spec, ...spec };
-    this.rebuild();
+    const data = this.columns();
+    if (looks() !== before) this.rebuild();
+    else {
+      // The same curves, further on: what the pointer is doing there goes on, too.
+      this.u.setData(data);
+      this.showCursor();
+    }
   }
 
   // What is shown ---------------------------------------------------------------------------------
@@ -81,8 +91,8 @@ class TimeChart {
         }
       }
     };
-    for (const line of this.lines) take(line.times, line.values);
-    for (const each of this.whiskers) {
+    for (const line of this.lines) take(line.times, line.limits ?? line.values);
+    for (const each of [...this.whiskers, ...this.bands.filter((band) => band.counts)]) {
       take(each.times, each.low);
       take(each.times, each.high);
     }

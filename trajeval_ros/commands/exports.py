@@ -130,12 +130,9 @@ def _write_rerun(run: Finished, path: Path) -> str:
     way = next(iter(run.scorings.values())).report.way
     said = [f"{sentence(each)}." for each in run.comparisons]
     said += [
-        rrd.markdown(
-            name,
-            answers.sentences(one.summary.get("error_model")),
-            figures.summary_lines(one.summary, of_estimate(run.parameters, name)),
-        )
+        rrd.markdown(name, answers.answer(one.summary, of), figures.summary_lines(one.summary, of))
         for name, one in run.found.items()
+        for of in [of_estimate(run.parameters, name)]
     ]
     rrd.write_recording(path, way, shown, "\n\n".join(said))
     return f"Written: {path.absolute()}"

@@ -16,6 +16,8 @@ from typing import Any, Protocol, Self
 
 from trajeval_ros.commands.console import duration
 from trajeval_ros.commands.figures import compact, degrees, metres
+from trajeval_ros.report.answers import leading
+from trajeval_ros.runs.statuses import error_models_of
 
 Figures = Mapping[str, float]
 
@@ -54,22 +56,35 @@ class State:
     """What is known of the run at this moment. Times are the data's, in seconds.
 
     ``names`` of the estimates, where there are several: statuses of each begin with its name.
-    ``sentences``: of each pair, how they compare. ``events``: what the health said and says no
-    more, too; the latest.
+    ``answers``: of each estimate (of one, under an empty name), what kind of error it is and what
+    is not its fault, in sentences with their titles. ``sentences``: of each pair, how they compare.
+    ``events``: what the health said and says no more, too; the latest.
     """
 
     first: float
     last: float
     phase: str = "starting the node"
     stamp: float | None = None
-    metrics: dict[str, dict[str, float]] = field(default_factory=dict)
+    metrics: dict[str, dict[str, float | str]] = field(default_factory=dict)
     health: dict[str, Health] = field(default_factory=dict)
     trends: dict[str, deque[float]] = field(default_factory=dict)
     messages: int = 0
     names: tuple[str, ...] = ()
+    answers: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     sentences: dict[str, str] = field(default_factory=dict)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
     _said: dict[str, tuple[int, str]] = field(default_factory=dict)
+
+    def take_metrics(self, stamp: float, statuses: Mapping[str, Mapping[str, str]]) -> None:
+        """Take in a message of ``~/metrics``: the values of each status, under a stamp (s)."""
+        self.messages += 1
+        self.stamp = stamp
+        for name, values in statuses.items():
+            figures = {key: _read(value) for key, value in values.items()}
+            owner, _, status = name.rpartition(": ")
+            if status == "error_model":
+                self.answers[owner] = _answer(figures)
+            self.metrics[name] = figures
 
     def take_health(self, name: str, health: Health) -> None:
         """Keep what one entry of ``/diagnostics`` says, and log it where it is news.
@@ -95,12 +110,30 @@ class State:
     def figure(self, status: str, *keys: str, of: str = "") -> float | None:
         """Return the first of the figures that is there; ``of`` one of several estimates."""
         figures = self.metrics.get(f"{of}: {status}" if of else status, {})
-        return next((figures[key] for key in keys if key in figures), None)
+        found = (figures.get(key) for key in keys)
+        return next((value for value in found if isinstance(value, float)), None)
 
     def remember(self, name: str, value: float | None) -> None:
         """Append to a trend."""
         if value is not None and math.isfinite(value):
             self.trends.setdefault(name, deque(maxlen=2048)).append(value)
+
+
+def _read(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _answer(figures: Mapping[str, float | str]) -> list[tuple[str, str]]:
+    """The error model in sentences: the run's, or, while there is none yet, the window's."""
+    models = error_models_of(figures)
+    model = models.get("run") or models.get("window")
+    if model is None:
+        return []
+    since = "" if "run" in models else ", window"
+    return [(f"{title}{since}", text.replace("\n", " ")) for title, text in leading(model)]
 
 
 def sparkline(values: Sequence[float], width: int) -> str:

@@ -50,14 +50,8 @@ class Monitor:
             return
 
     def _metrics(self, message: DiagnosticArray) -> None:
-        state = self._state
-        state.messages += 1
-        stamp = message.header.stamp
-        state.stamp = stamp.sec + stamp.nanosec * 1e-9
-        for status in message.status:
-            state.metrics[status.name] = {
-                value.key: float(value.value) for value in status.values if _is_number(value.value)
-            }
+        state, stamp = self._state, message.header.stamp
+        state.take_metrics(stamp.sec + stamp.nanosec * 1e-9, values_of(message))
         for status_name, key in TRENDS:
             state.remember(f"{status_name}/{key}", state.figure(status_name, key))
 
@@ -68,7 +62,7 @@ class Monitor:
     def _diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.startswith(_PREFIX):
-                health = _without_departure(_health(status))
+                health = _without_departure(health_of(status))
                 self._state.take_health(status.name.removeprefix(_PREFIX), health)
 
     def close(self) -> None:
@@ -100,15 +94,16 @@ def _without_departure(health: Health) -> Health:
     return replace(health, level=0, message="all has been sent")
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def values_of(message: DiagnosticArray) -> dict[str, dict[str, str]]:
+    """The values of each status."""
+    return {
+        status.name: {value.key: value.value for value in status.values}
+        for status in message.status
+    }
 
 
-def _health(status: DiagnosticStatus) -> Health:
+def health_of(status: DiagnosticStatus) -> Health:
+    """One entry of ``/diagnostics``."""
     # DiagnosticStatus.level is a byte, which Python has as bytes.
     level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
     return Health(level, status.message, {value.key: value.value for value in status.values})

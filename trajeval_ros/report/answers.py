@@ -163,11 +163,12 @@ def sentences(
     """
     if model is None:
         return []
-    return [
-        ("Kind of error", _kind(model)),
-        ("Not its fault", _faults(model, without)),
-        *_doubts(model, start),
-    ]
+    return [*leading(model, without), *_doubts(model, start)]
+
+
+def leading(model: Figures, without: Figures | None = None) -> list[tuple[str, str]]:
+    """What kind of error it is, and what is not its fault; none of the model's lists is read."""
+    return [("Kind of error", _kind(model)), ("Not its fault", _faults(model, without))]
 
 
 def _kind(model: Figures) -> str:

@@ -302,7 +302,7 @@ def _extent(shown: Sequence[Shown]) -> float:
 
 def markdown(name: str, answer: Sequence[tuple[str, str]], lines: Sequence[str]) -> str:
     """An estimate's answer: sentences with their titles, then its figures."""
-    said = "\n".join(f"- **{title}**: {text}" for title, text in answer)
+    said = "\n".join(f"- **{title}**: {' '.join(text.split())}" for title, text in answer)
     figures = "\n".join(lines)
     return f"# {name}\n\n{said}\n\n```\n{figures}\n```"
 

@@ -56,6 +56,41 @@ def latest_path_entries(figures: Mapping[str, Any]) -> dict[str, str]:
     return dict(_entries("", figures))
 
 
+def error_models_of(entries: Mapping[str, float | str]) -> dict[str, dict[str, Any]]:
+    """The error models of run and window again, from the status ``error_model``.
+
+    What the status leaves out (covariances, lags beyond the first) is not there; a list is the
+    number of what it holds.
+    """
+    models: dict[str, dict[str, Any]] = {}
+    for entry, value in entries.items():
+        part = "window" if entry.startswith("window_") else "run"
+        model = models.setdefault(part, {})
+        key = entry.removeprefix("window_")
+        for group in ("translation", "rotation"):
+            if key.startswith(f"{group}_"):
+                _put(model.setdefault(group, {}), key.removeprefix(f"{group}_"), value)
+            elif key.startswith(f"extrinsic_{group}_"):
+                vectors = model.setdefault("extrinsic", {}).setdefault(group, {})
+                name = key.removeprefix(f"extrinsic_{group}_")[:-2]  # value_x, value_y, value_z
+                vectors.setdefault(name, []).append(value)
+        if key.startswith("clock_offset_by_"):
+            by = model.setdefault("clock_offset_by", {})
+            _put(by, key.removeprefix("clock_offset_by_"), value)
+        elif not key.startswith(("translation_", "rotation_", "extrinsic_")):
+            _put(model, key, value)
+    return models
+
+
+def _put(figures: dict[str, Any], key: str, value: float | str) -> None:
+    """Put a figure in its place: of one with a standard deviation, its value or that."""
+    name, _, which = key.rpartition("_")
+    if which == "value" or (which == "std" and name in figures):
+        figures.setdefault(name, {"std": None})[which] = value
+    else:
+        figures[key] = value
+
+
 def _components(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for key, value in figures.items():
         if key in _MATRICES:
