@@ -3,17 +3,18 @@
 """Makes the pictures in ``docs/images`` with the package itself.
 
     PYTHONPATH=. .venv/bin/python docs/make_pictures.py gap GROUND_TRUTH ESTIMATE
-    PYTHONPATH=. .venv/bin/python docs/make_pictures.py report REPORT.html
+    PYTHONPATH=. .venv/bin/python docs/make_pictures.py report REPORT.html report
 
 ``gap`` wants TUM's freiburg2_desk, which has a gap of 12 s in its ground truth. ``report`` takes a
-picture of the upper part of a report with chromium. The other pictures are made by
+picture of a report with chromium, from its maps on: report of KITTI 00's ORB-SLAM, report_gap of
+freiburg2_desk's (``--dark``), report_compared of both of MH_04. The other pictures are made by
 ``docs/make_joint_picture.py`` and ``performance/calibration.py``.
 """
 
 from __future__ import annotations
 
 import argparse
-import subprocess
+import shutil
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,28 +137,30 @@ def _save(figure: Any, axes: tuple[Any, ...], name: str) -> None:
     plt.close(figure)
 
 
-def report(page: str) -> None:
-    """The upper part of a report, as a browser shows it."""
-    with tempfile.TemporaryDirectory() as folder:
+def report(page: str, name: str, share: float, dark: bool) -> None:
+    """A report from its maps on, as a browser shows it, looking at a moment of the run."""
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         shot = Path(folder) / "report.png"
-        subprocess.run(
-            [
-                "chromium",
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--hide-scrollbars",
-                f"--user-data-dir={folder}/profile",
-                "--window-size=1100,1396",
-                f"--screenshot={shot}",
-                Path(page).absolute().as_uri(),
-            ],
-            check=True,
-            stderr=subprocess.DEVNULL,
+        program = shutil.which("chromium")
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        tab = browser.new_page(
+            viewport={"width": 1100, "height": 1090},
+            color_scheme="dark" if dark else "light",
         )
+        tab.goto(Path(page).absolute().as_uri())
+        tab.evaluate(
+            f"board.setCursor(board.whole[0] + {share} * (board.whole[1] - board.whole[0]));"
+            "document.getElementById('controls').scrollIntoView()"
+        )
+        # The maps are drawn with the next frames.
+        tab.evaluate("new Promise((done) => setTimeout(done, 300))")
+        tab.screenshot(path=shot)
+        browser.close()
         # The quantised picture is a third as large, and looks the same.
         with Image.open(shot) as image:
-            image.convert("RGB").quantize(128).save(IMAGES / "report.png", optimize=True)
+            image.convert("RGB").quantize(255).save(IMAGES / f"{name}.png", optimize=True)
 
 
 def main() -> None:
@@ -169,14 +172,18 @@ def main() -> None:
     of_gap = pictures.add_parser("gap")
     of_gap.add_argument("ground_truth")
     of_gap.add_argument("estimate")
-    pictures.add_parser("report").add_argument("page")
+    of_report = pictures.add_parser("report")
+    of_report.add_argument("page")
+    of_report.add_argument("name")
+    of_report.add_argument("--share", type=float, default=0.62, help="of the run, looked at")
+    of_report.add_argument("--dark", action="store_true")
     arguments = parser.parse_args()
     match arguments.picture:
         case "gap":
             parameters = {"ground_truth.max_gap": 20.0}
             gap(evaluated(arguments.ground_truth, arguments.estimate, **parameters))
         case "report":
-            report(arguments.page)
+            report(arguments.page, arguments.name, arguments.share, arguments.dark)
 
 
 if __name__ == "__main__":

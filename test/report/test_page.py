@@ -291,6 +291,9 @@ def test_page_of_a_long_run_is_bounded() -> None:
     page = report.render(summary)
     assert report.defects == ()
     assert len(page) < 400_000
+    drawn, of = data_of(page)["estimates"][0]["poses"]
+    assert 1000 < drawn <= 2000
+    assert of == 200_000 or of == 0
 
 
 def test_series_are_those_of_the_run(evaluated: tuple[Report, dict[str, Any]]) -> None:
@@ -364,6 +367,9 @@ def test_an_estimate_that_dies_is_said_to_and_all_of_the_ground_truth_is_drawn()
     series = make_series(run)
     gone = run.way.stamps[-1] / 1e9 - series.start / 1e9
     assert gone > series.seconds[-1] + 15.0
+    lost = next(m for m in data_of(page)["moments"] if m["kind"] == "lost")
+    assert lost["begin"] == pytest.approx(series.seconds[-1], abs=0.1)
+    assert lost["end"] == pytest.approx(gone, abs=0.1)
     drawn = numbers(data_of(page)["way"]["times"])
     assert drawn[-1] == pytest.approx(gone, abs=1e-3)
 

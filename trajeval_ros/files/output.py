@@ -73,7 +73,7 @@ LATEST_PATH = "latest_path.txt"
 """And of an estimate that is published as whole trajectories, again and again, the latest."""
 
 # More than a summary takes, bytes, and the pieces in which room for it is found.
-_RESERVE, _PIECE = 1 << 15, 1 << 12
+_RESERVE, _PIECE = 1 << 16, 1 << 12
 # Rows that a full disk does not take wait for it to have room again, bytes: some ten thousand.
 _MOST_WAITING = 1 << 23
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -20,14 +20,23 @@ def percent(share: float) -> str:
     return f"{shown} %"
 
 
+def seconds(value: float) -> str:
+    """A duration in s, to three digits or to the second."""
+    return f"{value:,.0f} s" if value >= 1000.0 else f"{value:.3g} s"
+
+
 def of_the_run(coverage: Figures) -> str:
     """How much of the ground truth's time and way the estimate is there for."""
     if coverage["time"] is None:
         return "not known yet"
-    parts = [f"{percent(coverage['time'])} of {coverage['duration']:.3g} s"]
+    parts = [f"{percent(coverage['time'])} of {seconds(coverage['duration'])}"]
     if coverage["distance"] is not None:
-        parts.append(f"{percent(coverage['distance'])} of {coverage['path_length']:.4g} m")
+        parts.append(f"{percent(coverage['distance'])} of {_metres(coverage['path_length'])}")
     return ", ".join(parts)
+
+
+def _metres(value: float) -> str:
+    return f"{value:,.0f} m" if value >= 1000.0 else f"{value:.4g} m"
 
 
 def losses(coverage: Figures) -> str:

@@ -21,7 +21,8 @@ _MOST = 5
 class Moment:
     """A stretch from ``begin`` to ``end`` (ns, the ground truth's clock); an instant is short.
 
-    ``kind``: "worst", "gap", "jump", "clock" or "fault"; ``estimate``: whose it is, if one's own.
+    ``kind``: "worst", "gap", "lost", "jump", "clock" or "fault"; ``estimate``: whose it is, if
+    one's own.
     """
 
     kind: str
@@ -74,6 +75,10 @@ def moments(one: Shown) -> list[Moment]:
         )
     gaps = sorted(coverage_gaps(one.run.ground_truth), key=lambda gap: -gap.seconds)[:_MOST]
     found += [Moment("gap", f"gap of {gap.seconds:.3g} s", gap.start, gap.end) for gap in gaps]
+    loss = summary["coverage"]["longest_loss"]
+    if loss is not None:
+        end = loss["begin"] + round(loss["duration"] * SECOND)
+        found.append(Moment("lost", f"lost for {loss['duration']:.3g} s", loss["begin"], end))
     faults = summary["ground_truth"].get("faults", ())[:_MOST]
     found += [
         Moment("fault", str(fault["code"]).replace("_", " "), fault["begin"], fault["end"])

@@ -128,6 +128,7 @@ def _estimate(one: Shown, number: int, of: int, start: int, origin: Array) -> Va
             "translation": alignment.pose[:3, 3].tolist(),
             "scale": alignment.scale,
         },
+        "poses": [len(kept), int(one.run.summary["estimate"]["evaluated"])],
         "largest": max(float(np.quantile(series.translation_error[series.known], 0.98)), 1e-9),
         "translationBand": numbers(series.translation_band[kept]),
         "rotationBand": numbers(np.degrees(series.rotation_band[kept])),

@@ -124,10 +124,21 @@
     }));
   }
 
+  // What is not drawn is said.
+  const thinned = data.estimates.filter(({ poses: [drawn, of] }) => drawn < of);
+  if (thinned.length) {
+    const said = thinned.map(({ name, poses: [drawn, of] }) => (
+      `${drawn.toLocaleString("en")} of the ${of.toLocaleString("en")} poses${single ? "" : ` of ${name}`}`));
+    const note = document.createElement("p");
+    note.className = "caption";
+    note.textContent = `Drawn: ${said.join(", ")}, the extremes of every curve among them.`;
+    document.querySelector(".maps")?.after(note);
+  }
+
   // Over time ---------------------------------------------------------------------------------------
 
   const events = data.moments
-    .filter(({ kind }) => kind !== "gap")
+    .filter(({ kind }) => kind !== "gap" && kind !== "lost")
     .map(({ begin, end, text }) => ({ time: 0.5 * (begin + end), text }));
   const common = { shades: data.gaps, marks: events };
 

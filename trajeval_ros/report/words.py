@@ -116,7 +116,7 @@ def spread(name: str, series: Series) -> list[str]:
         parts.append(("Rotation", series.rotation_error, angle))
     said = []
     known = series.known
-    aside = "" if known.all() else " (in gaps of the ground truth aside)"
+    aside = "" if known.all() else " (where the ground truth is known as well as usual)"
     for part, every, show in parts:
         errors = every[known]
         median, most = (show(float(value)) for value in np.quantile(errors, (0.5, 0.95)))
@@ -135,7 +135,8 @@ def _covered(coverage: Figures) -> str:
     share = coverage["time"]
     if share is None:
         return ""
-    text = f"The estimate covers <b>{covered.percent(share)}</b> of {coverage['duration']:.3g} s"
+    text = f"The estimate covers <b>{covered.percent(share)}</b> of"
+    text += f" {covered.seconds(coverage['duration'])}"
     return f"{text}{': it was ' + lost if lost else ''}."
 
 
@@ -207,7 +208,7 @@ def _coverage(coverage: Figures) -> tuple[str, str]:
     if coverage["time"] is None:
         return _DASH, ""
     distance = coverage["distance"]
-    way = f"of {coverage['duration']:.3g} s"
+    way = f"of {covered.seconds(coverage['duration'])}"
     if distance is not None:
         way += f", {covered.percent(distance)} of {length(coverage['path_length'])}"
     lost = covered.losses(coverage)
