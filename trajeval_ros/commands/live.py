@@ -17,6 +17,7 @@ from typing import Any, Protocol, Self
 from trajeval_ros.commands.console import duration
 from trajeval_ros.commands.figures import compact, degrees, metres
 from trajeval_ros.report.answers import leading
+from trajeval_ros.report.covered import percent
 from trajeval_ros.runs.statuses import error_models_of
 
 Figures = Mapping[str, float]
@@ -194,19 +195,11 @@ class PlainView:
             return
         self._next = now + 2.0
         truth = state.health.get("ground truth")
-        words = [
-            f"{100 * state.progress():3.0f} %",
-            f"ATE {metres(state.figure('conventional', 'ate_translation_rmse'))}",
-            f"relative {compact(state.figure('relative', 'log_likelihood'))} nats",
-            f"chi2/dof {compact(state.figure('relative', 'chi2_per_dof'))}",
-            f"absolute {compact(state.figure('absolute', 'log_likelihood'))} nats",
-        ]
-        if state.names:
-            words = [words[0]]
-            for name in state.names:
-                ate = state.figure("conventional", "ate_translation_rmse", of=name)
-                step = state.figure("conventional", "re_translation_rmse", of=name)
-                words.append(f"{name}: ATE {metres(ate)}, RE {metres(step)}")
+        words = [f"{100 * state.progress():3.0f} %"]
+        for name in state.names or ("",):
+            found = [(title, _pair(state, status, key, name)) for title, status, key in _ERRORS]
+            shown = [f"{title} {text}" for title, text in found if text]
+            words.append((f"{name}: " if name else "") + ("  ".join(shown) or "nothing yet"))
         if truth is not None:
             words.append(f"ground truth {LEVELS.get(truth.level, '?')}: {truth.message}")
         print("  ".join(words), flush=True)
@@ -257,53 +250,22 @@ _HEALTH = ("ground truth", "estimate", "synchronization", "consistency", "perfor
 
 _STYLES = {0: "green", 1: "yellow", 2: "bold red", 3: "magenta"}
 
-_Where = tuple[str, str]
-# Title, unit, where the figures of the whole run and of the window are.
-_ROWS: tuple[tuple[str, Any, _Where | None, _Where | None], ...] = (
-    ("ATE, translation", metres, ("conventional", "ate_translation_rmse"), None),
-    ("ATE, rotation", degrees, ("conventional", "ate_rotation_rmse"), None),
-    ("RE, translation", metres, ("conventional", "re_translation_rmse"), None),
-    ("RE, rotation", degrees, ("conventional", "re_rotation_rmse"), None),
-    (
-        "noise-equivalent, m",
-        metres,
-        None,
-        ("window", "absolute_noise_equivalent_translation_std"),
-    ),
-    (
-        "noise-equivalent, deg",
-        degrees,
-        None,
-        ("window", "absolute_noise_equivalent_rotation_std"),
-    ),
-    (
-        "relative, nats",
-        compact,
-        ("relative", "log_likelihood"),
-        ("window", "relative_log_likelihood"),
-    ),
-    (
-        "relative chi2/dof",
-        compact,
-        ("relative", "chi2_per_dof"),
-        ("window", "relative_chi2_per_dof"),
-    ),
-    (
-        "absolute, nats",
-        compact,
-        ("absolute", "log_likelihood"),
-        ("window", "absolute_log_likelihood"),
-    ),
-    (
-        "absolute chi2/dof",
-        compact,
-        ("absolute", "chi2_per_dof"),
-        ("window", "absolute_chi2_per_dof"),
-    ),
+_PARTS = ("translation", "rotation")
+# Title, status, and key of each part: what is looked at first.
+_ERRORS = (
+    ("ATE", "conventional", "ate_{}_rmse"),
+    ("RE", "conventional", "re_{}_rmse"),
+    ("accuracy", "window", "absolute_noise_equivalent_{}_std"),
+)
+# How large the errors are beside what the ground truth is known to.
+_IN_STD = (
+    ("steps", "window", "relative_error_in_ground_truth_std"),
+    ("aligned", "window", "absolute_error_in_ground_truth_std"),
 )
 
-TRENDS: tuple[tuple[str, str], ...] = tuple(
-    where for _, _, running, windowed in _ROWS for where in (running, windowed) if where is not None
+TRENDS: tuple[tuple[str, str], ...] = (
+    *((status, key.format("translation")) for _, status, key in _ERRORS),
+    *((status, key) for _, status, key in _IN_STD),
 )
 """The figures whose trend is kept: status and key."""
 
@@ -330,78 +292,146 @@ def render(state: State) -> Any:
     )
 
     table = _beside(state) if state.names else _alone(state)
-
-    health = Table.grid(padding=(0, 1))
-    health.add_column(no_wrap=True)
-    health.add_column(no_wrap=True)
-    health.add_column()
-    known = [*_HEALTH[:1], *state.names, *_HEALTH[1:]]
-    order = [name for name in known if name in state.health]
-    order += sorted(set(state.health) - set(known))
-    for name in order:
-        entry = state.health[name]
-        level = LEVELS.get(entry.level, "?")
-        health.add_row(Text(level, style=_STYLES.get(entry.level, "")), name, entry.message)
-    compared = [Text(text) for text in state.sentences.values()]
     return Panel(
-        Group(heading, "", table, "", *compared, *[""][: len(compared)], health, *_log(state)),
+        Group(
+            heading,
+            "",
+            *_leading(state),
+            "",
+            table,
+            "",
+            *_health(state),
+            *_log(state),
+        ),
         title="trajeval_ros: evaluator, live",
         title_align="left",
         border_style="blue",
     )
 
 
+def _leading(state: State) -> list[Any]:
+    """The answer: which is better, how good, what kind of error, and whose fault."""
+    from rich.table import Table
+    from rich.text import Text
+
+    lines = Table.grid(padding=(0, 1))
+    lines.add_column(no_wrap=True)
+    lines.add_column()
+    for text in state.sentences.values():
+        lines.add_row(Text("Compared", style="bold"), text)
+    for name in state.names or ("",):
+        if name:
+            said = "; ".join(text for title, text in state.answers.get(name, []) if "Kind" in title)
+            lines.add_row(Text(name, style="bold"), said or "not known yet")
+            continue
+        lines.add_row(Text("How good", style="bold"), _how_good(state))
+        for title, text in state.answers.get(name, []):
+            lines.add_row(Text(title, style="bold"), text)
+    return [lines]
+
+
+def _how_good(state: State) -> str:
+    """The errors and how much of the run they are of."""
+    parts = []
+    for title, status, key in _ERRORS[:2]:
+        shown = _pair(state, status, key)
+        parts += [f"{title} {shown}"] if shown else []
+    share = state.figure("coverage", "time")
+    whole = state.figure("coverage", "duration")
+    if share is not None and whole is not None:
+        parts.append(f"over {percent(share)} of {duration(whole)}")
+    return "; ".join(parts) or "not known yet"
+
+
+def _pair(state: State, status: str, key: str, of: str = "") -> str:
+    """Translation and rotation, as far as they are there."""
+    translation, rotation = (state.figure(status, key.format(part), of=of) for part in _PARTS)
+    parts = [] if translation is None else [metres(translation)]
+    parts += [] if rotation is None else [degrees(rotation)]
+    return ", ".join(parts)
+
+
+def _titles(state: State) -> list[str]:
+    """What each of `_ERRORS` is over."""
+    name = state.names[0] if state.names else ""
+    step = state.figure("conventional", "re_delta", of=name)
+    unit = state.metrics.get(f"{name}: conventional" if name else "conventional", {}).get("re_unit")
+    window = state.figure("window", "duration", of=name)
+    last = "window" if window is None else f"last {window:.0f} s"
+    return [
+        "ATE, whole run",
+        "RE" if step is None else f"RE, over {step:g} {unit}",
+        f"accuracy, {last}",
+        f"truth's std, {last}",
+    ]
+
+
 def _beside(state: State) -> Any:
-    """Several estimates side by side, the whole run."""
+    """Several estimates side by side."""
     from rich.table import Table
 
     table = Table(expand=True, box=None, padding=(0, 1), header_style="dim")
-    table.add_column("whole run", no_wrap=True, min_width=21)
+    table.add_column("", no_wrap=True, min_width=21)
     for name in state.names:
         table.add_column(name, justify="right", min_width=11)
-    for title, show, running, _ in _ROWS:
-        if running:
-            shown = (show(state.figure(*running, of=name)) for name in state.names)
-            table.add_row(title, *shown)
-    after = [state.figure("latest_path", "ate_translation_rmse", of=n) for n in state.names]
-    if any(value is not None for value in after):
-        table.add_row("ATE, latest path", *map(metres, after))
-    shares = [state.figure("coverage", "time", of=name) for name in state.names]
-    table.add_row("coverage, time", *("-" if s is None else f"{100 * s:.1f} %" for s in shares))
+    titles = _titles(state)
+    for title, (_, status, key) in zip(titles, _ERRORS, strict=False):
+        for show, part in ((metres, _PARTS[0]), (degrees, _PARTS[1])):
+            cells = (state.figure(status, key.format(part), of=name) for name in state.names)
+            table.add_row(title, *map(show, cells))
+            title = ""
+    _, status, key = _IN_STD[0]
+    cells = (state.figure(status, key, of=name) for name in state.names)
+    table.add_row(titles[-1], *map(compact, cells))
+    shares = (state.figure("coverage", "time", of=name) for name in state.names)
+    table.add_row("coverage", *("-" if share is None else percent(share) for share in shares))
     return table
 
 
 def _alone(state: State) -> Any:
-    """One estimate: the whole run, the window, and how it went."""
+    """One estimate, and how it went."""
     from rich.table import Table
     from rich.text import Text
 
     table = Table(expand=True, box=None, padding=(0, 1), header_style="dim")
     table.add_column("", no_wrap=True, min_width=21)
-    table.add_column("whole run", justify="right", no_wrap=True, min_width=11)
-    table.add_column("window", justify="right", no_wrap=True, min_width=11)
+    table.add_column("translation", justify="right", no_wrap=True, min_width=11)
+    table.add_column("rotation", justify="right", no_wrap=True, min_width=11)
     table.add_column("trend", no_wrap=True, ratio=1)
-    for title, show, running, windowed in _ROWS:
-        trend = next(
-            (
-                state.trends[key]
-                for key in ("/".join(where) for where in (windowed, running) if where)
-                if state.trends.get(key)
-            ),
-            (),
-        )
-        table.add_row(
-            title,
-            show(state.figure(*running)) if running else "",
-            show(state.figure(*windowed)) if windowed else "",
-            Text(sparkline(list(trend), 24), style="cyan"),
-        )
-    after = state.figure("latest_path", "ate_translation_rmse")
-    if after is not None:
-        table.add_row("ATE, latest path", metres(after), "", "")
-    share = state.figure("coverage", "time")
-    table.add_row("coverage, time", "-" if share is None else f"{100 * share:.1f} %", "", "")
+
+    def trend(status: str, key: str) -> Text:
+        return Text(sparkline(list(state.trends.get(f"{status}/{key}", ())), 13), style="cyan")
+
+    titles = _titles(state)
+    for title, (_, status, key) in zip(titles, _ERRORS, strict=False):
+        translation, rotation = (state.figure(status, key.format(part)) for part in _PARTS)
+        cells = metres(translation), degrees(rotation)
+        table.add_row(title, *cells, trend(status, key.format(_PARTS[0])))
+    worth = [f"{name} {compact(state.figure(status, key))}" for name, status, key in _IN_STD]
+    table.add_row(titles[-1], *worth, trend(*_IN_STD[0][1:]))
     return table
+
+
+def _health(state: State) -> list[Any]:
+    """What is not well, a line each, and the rest in one."""
+    from rich.table import Table
+    from rich.text import Text
+
+    known = [*_HEALTH[:1], *state.names, *_HEALTH[1:]]
+    order = [name for name in known if name in state.health]
+    order += sorted(set(state.health) - set(known))
+    lines = Table.grid(padding=(0, 1))
+    lines.add_column(no_wrap=True)
+    lines.add_column()
+    well = [name for name in order if not state.health[name].level]
+    for name in order:
+        entry = state.health[name]
+        if entry.level:
+            level = Text(LEVELS.get(entry.level, "?"), style=_STYLES.get(entry.level, ""))
+            lines.add_row(level, f"{name}: {entry.message}")
+    if well:
+        lines.add_row(Text(LEVELS[0], style=_STYLES[0]), ", ".join(well))
+    return [lines]
 
 
 def _log(state: State) -> list[Any]:
@@ -413,7 +443,7 @@ def _log(state: State) -> list[Any]:
         Text(event.line, style=_STYLES.get(event.level, ""), no_wrap=True, overflow="ellipsis")
         for event in latest
     ]
-    return [Text(""), Text("events", style="dim"), *lines] if lines else []
+    return [Text(""), *lines] if lines else []
 
 
 def make_view() -> View:
