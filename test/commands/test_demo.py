@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,8 @@ def test_live_figures_are_those_of_the_files(tmp_path: Path) -> None:
     assert demo.returncode == 0, demo.stdout + demo.stderr
     assert "none lost" in demo.stdout
     assert "replaying 10x" in demo.stdout, "the node's figures have been heard meanwhile"
+    if find_spec("aiohttp") is not None:
+        assert "In a browser: http://127.0.0.1:" in demo.stdout
     report = tmp_path / "live" / "report.html"
     assert f"Report: {report}" in demo.stdout
     assert report.is_file()

@@ -12,10 +12,12 @@ import re
 import signal
 import sys
 import time
+import webbrowser
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from types import FrameType
-from typing import Any
+from types import FrameType, TracebackType
+from typing import Any, Self
 
 from trajeval_ros.commands import completion, console, inputs
 from trajeval_ros.commands.domain import own_domain
@@ -55,6 +57,11 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="R",
         help=f"times the recorded speed (default: so that it takes {_REPLAY_SECONDS:g} s, at most"
         f" {_FASTEST:g})",
+    )
+    parser.add_argument(
+        "--no-browser",
+        action="store_true",
+        help="do not open the page of the running figures; its address is said all the same",
     )
     parser.add_argument(
         "--output", default="output/demo", metavar="DIR", help="default: output/demo"
@@ -108,7 +115,7 @@ def demo(arguments: argparse.Namespace) -> int:
     with own_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        return _run(data, output, rate, files)
+        return _run(data, output, rate, files, _Page(output, opens=not arguments.no_browser))
 
 
 def _files(arguments: argparse.Namespace, output: Path) -> list[str]:
@@ -125,7 +132,7 @@ def _files(arguments: argparse.Namespace, output: Path) -> list[str]:
     return [str(path) for path in write_two(output, _SIMULATED_SECONDS, 1)]
 
 
-def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str]) -> int:
+def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str], page: _Page) -> int:
     from trajeval_ros.commands import live
 
     try:
@@ -150,12 +157,13 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str]) -
     node_arguments += ["-p", f"estimates:=[{', '.join(data.names)}]"]
     player_arguments = ["tum", *files, "--rate", repr(rate), "--wait", str(_READY_PATIENCE)]
     with (
+        page,
         Monitor(state) as monitor,
         Child("trajeval_ros.node.main", node_arguments, output / "evaluator.log") as node,
         Child("trajeval_ros.commands.replay", player_arguments, output / "replay.log") as player,
     ):
         with live.make_view() as view:
-            _watch(monitor, view, state, node, player, rate)
+            _watch(monitor, view, state, node, player, rate, page)
         published = _published(player, data.names)
         state.phase = "writing the results"
         code = node.interrupt(_SHUTDOWN_PATIENCE)
@@ -167,10 +175,53 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str]) -
     return _conclude(output, published, rate)
 
 
-def _watch(monitor: Any, view: Any, state: Any, node: Child, player: Child, rate: float) -> None:
+class _Page:
+    """``watch`` beside the demo, where its library is there; a page that fails is no matter."""
+
+    def __init__(self, output: Path, *, opens: bool) -> None:
+        self._log = output / "watch.log"
+        self._child: Child | None = None
+        self._opens = opens and _has_screen()
+
+    def offer(self, state: Any) -> None:
+        """Say the address once it is there, and open it where there is a screen."""
+        if self._child is None or state.page:
+            return
+        found = re.search(r" at (http://\S+)", self._log.read_text(encoding="utf-8"))
+        if found is not None:
+            state.page = found[1]
+            if self._opens:
+                webbrowser.open(state.page)
+
+    def __enter__(self) -> Self:
+        if find_spec("aiohttp") is not None:
+            self._child = Child("trajeval_ros.commands.watch", ["--port", "0"], self._log)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._child is not None:
+            self._child.__exit__(kind, error, traceback)
+
+
+def _has_screen() -> bool:
+    """Whether somebody sits before a screen that a browser would be on."""
+    if not sys.stdout.isatty() or "SSH_CONNECTION" in os.environ:
+        return False
+    return sys.platform == "darwin" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ))
+
+
+def _watch(
+    monitor: Any, view: Any, state: Any, node: Child, player: Child, rate: float, page: _Page
+) -> None:
     """Show the run until the player is done and the node has taken in what it was sent."""
     while player.exit_code() is None:
         monitor.listen(0.05)
+        page.offer(state)
         state.phase = f"replaying {rate:.3g}x" if state.messages else "starting"
         view.show(state)
         _check_alive(node)

@@ -57,6 +57,7 @@ class State:
     """What is known of the run at this moment. Times are the data's, in seconds.
 
     ``names`` of the estimates, where there are several: statuses of each begin with its name.
+    ``page``: where the figures are shown in a browser.
     ``answers``: of each estimate (of one, under an empty name), what kind of error it is and what
     is not its fault, in sentences with their titles. ``sentences``: of each pair, how they compare.
     ``events``: what the health said and says no more, too; the latest.
@@ -71,6 +72,7 @@ class State:
     trends: dict[str, deque[float]] = field(default_factory=dict)
     messages: int = 0
     names: tuple[str, ...] = ()
+    page: str = ""
     answers: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
     sentences: dict[str, str] = field(default_factory=dict)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
@@ -177,6 +179,7 @@ class PlainView:
         self._next = 0.0
         self._phase = ""
         self._printed: Event | None = None
+        self._page = ""
 
     def show(self, state: State) -> None:
         """Print a line, if it is time to; an event at once."""
@@ -187,6 +190,9 @@ class PlainView:
         for event in events[known[0] + 1 if known else 0 :]:
             print(event.line, flush=True)
             self._printed = event
+        if state.page != self._page:
+            self._page = state.page
+            print(f"In a browser: {state.page}", flush=True)
         if state.phase != self._phase:
             self._phase = state.phase
             print(f"{state.phase} ...", flush=True)
@@ -295,7 +301,7 @@ def render(state: State) -> Any:
     return Panel(
         Group(
             heading,
-            "",
+            Text(f"in a browser: {state.page}" if state.page else "", style="dim"),
             *_leading(state),
             "",
             table,
