@@ -10,7 +10,7 @@ from twins import likelihood_twin as twin
 from twins.trajectories import problems, real_pair
 
 from trajeval_ros.likelihood.first_order import FirstOrderAbsolute, absolute_first_order
-from trajeval_ros.likelihood.relative import relative
+from trajeval_ros.likelihood.relative import RunningRelative, relative
 
 FEW = settings(max_examples=40)
 
@@ -46,6 +46,18 @@ def test_cuts_do_not_matter(bandwidth, data):
         run.update(*piece)
     expected = absolute_first_order(*problem).log_likelihood
     assert run.total.log_likelihood == pytest.approx(expected, rel=1e-11, abs=1e-9)
+
+
+@FEW
+@given(st.data())
+def test_the_steps_errors_may_be_given(data):
+    problem = data.draw(problems(most=200, bandwidth=0))
+    cuts = sorted(data.draw(st.sets(st.integers(0, len(problem[0])), max_size=5)))
+    own, given, steps = FirstOrderAbsolute(), FirstOrderAbsolute(), RunningRelative(0)
+    for piece in zip(*(np.split(values, cuts) for values in problem), strict=True):
+        own.update(*piece)
+        given.update(*piece, steps.update(*piece).error)
+    assert given.total == own.total
 
 
 def test_one_pose_at_a_time_over_kilometres():

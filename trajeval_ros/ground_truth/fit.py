@@ -54,7 +54,11 @@ class Fit:
 
 
 class Fits:
-    """Looks at each closed segment."""
+    """Looks at each closed segment.
+
+    Attributes:
+        fit: as it is now; None before the first segment.
+    """
 
     def __init__(self, faults: Faults) -> None:
         """``faults``: where noise that grows is noted."""
@@ -66,7 +70,7 @@ class Fits:
         self._noted = 0
         self._segments = 0
         self._adapted = 0
-        self._stamp_std = 0.0
+        self.fit: Fit | None = None
 
     def add(self, segment: Segment) -> None:
         """Take a closed segment whose process is known."""
@@ -83,7 +87,14 @@ class Fits:
         self._segments += 1
         self._adapted += len(segment.epochs) > 1
         self._noise = _noise(epoch.process)
-        self._stamp_std = epoch.process.stamp_std
+        translation, rotation = (float(np.median(each)) for each in zip(*self._recent, strict=True))
+        self.fit = Fit(
+            (translation, rotation),
+            self._noise,
+            self._segments,
+            self._adapted,
+            epoch.process.stamp_std,
+        )
         white = _white(epoch)
         self._first = self._first or white
         # Where samples are rare, much of the noise stands for motion between them.
@@ -103,16 +114,6 @@ class Fits:
         if seconds >= _NOISY:
             self._faults.add("noise_grows", self._noisy_since, end, seconds - self._noted)
             self._noted = seconds
-
-    @property
-    def fit(self) -> Fit | None:
-        """As it is now; None before the first segment."""
-        if not self._recent:
-            return None
-        translation, rotation = (float(np.median(each)) for each in zip(*self._recent, strict=True))
-        return Fit(
-            (translation, rotation), self._noise, self._segments, self._adapted, self._stamp_std
-        )
 
 
 def _white(epoch: Epoch) -> tuple[float, float]:

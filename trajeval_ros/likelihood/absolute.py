@@ -162,6 +162,10 @@ class RunningAbsolute:
         self._centre = np.zeros(3)
         self._information = Information.none(gauge.dimension)
         self._spread = Spread.none()
+        # What follows from these two and the anchor, as long as they are the same: each is asked
+        # for several times a batch.
+        self._observed: tuple[Information, Spread, Observability] | None = None
+        self._best: tuple[Information, Spread, Array] | None = None
         # Ground truth, covariance blocks and estimate of the first poses.
         self._first: tuple[Array, Array | FactorRows, Array] | None = None
 
@@ -203,8 +207,13 @@ class RunningAbsolute:
     @property
     def observability(self) -> Observability:
         """What of the gauge the poses so far determine."""
-        std = log_scale_std(self._gauge, self._information)
-        return observability(self._gauge, self._spread, std)
+        information, spread = self._information, self._spread
+        known = self._observed
+        if known is None or known[0] is not information or known[1] is not spread:
+            std = log_scale_std(self._gauge, information)
+            known = information, spread, observability(self._gauge, spread, std)
+            self._observed = known
+        return known[2]
 
     def update(self, ground_truth: Array, covariance: Array | FactorRows, estimate: Array) -> None:
         """Take the next poses.
@@ -269,10 +278,16 @@ class RunningAbsolute:
 
     def _optimum(self) -> Array:
         """The best perturbation of the anchor, (d,); the scale held where it is not determined."""
-        information = self._information
-        if self.observability.scale_observed:
-            return best_perturbation(self._gauge, information)
-        return np.append(information.leading(information.dimension - 1).optimum(), 0.0)
+        information, spread = self._information, self._spread
+        known = self._best
+        if known is None or known[0] is not information or known[1] is not spread:
+            if self.observability.scale_observed:
+                best = best_perturbation(self._gauge, information)
+            else:
+                leading = information.leading(information.dimension - 1)
+                best = np.append(leading.optimum(), 0.0)
+            known = self._best = information, spread, best
+        return known[2]
 
     def _settle(
         self,

@@ -52,10 +52,17 @@ class FirstOrderAbsolute:
         """The log-likelihood so far, with six degrees of freedom less than there are errors."""
         return self._information.integral() if self._information.count else NOTHING
 
-    def update(self, ground_truth: Array, covariance: Array | FactorRows, estimate: Array) -> None:
+    def update(
+        self,
+        ground_truth: Array,
+        covariance: Array | FactorRows,
+        estimate: Array,
+        error: Array | None = None,
+    ) -> None:
         """Take the next poses.
 
         Arguments as for `RunningRelative.update`, and errors; the state then stays as it was.
+        error: of the steps that end at these poses, where it is known: that update's.
         """
         blocks = covariance_blocks(covariance, self._bandwidth)
         before = vars(self) | {"_whitener": self._whitener.copy()}
@@ -63,18 +70,29 @@ class FirstOrderAbsolute:
         try:
             for start in range(0, len(ground_truth), _POSES_PER_REFERENCE):
                 piece = slice(start, start + _POSES_PER_REFERENCE)
-                self._take(ground_truth[piece], blocks[piece], estimate[piece])
+                # The first pose of all ends no step.
+                first = len(ground_truth) - len(error) if error is not None else 0
+                steps = slice(max(start - first, 0), piece.stop - first)
+                known = None if error is None else error[steps]
+                self._take(ground_truth[piece], blocks[piece], estimate[piece], known)
         except ValueError as wrong:
             vars(self).update(before)
             if isinstance(wrong, CovarianceError):
                 raise CovarianceError(start + wrong.index) from None
             raise
 
-    def _take(self, ground_truth: Array, blocks: Array | FactorRows, estimate: Array) -> None:
+    def _take(
+        self,
+        ground_truth: Array,
+        blocks: Array | FactorRows,
+        estimate: Array,
+        error: Array | None,
+    ) -> None:
         n = len(ground_truth)
         poses = np.concatenate([self._ground_truth, ground_truth])
         estimates = np.concatenate([self._estimate, estimate])
-        error, _ = relative_error(poses, estimates)
+        if error is None:
+            error, _ = relative_error(poses, estimates)
         if not np.isfinite(error).all():
             raise ValueError("a pose is not finite")
         from_reference = se3.inverse(poses[0]) @ poses

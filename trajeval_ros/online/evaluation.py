@@ -74,7 +74,7 @@ class Evaluation:
             covariance = self._factor.update(poses.covariance, poses.cross)
         before = self._relative.total.log_likelihood
         steps = self._relative.update(ground_truth, covariance, estimate)
-        self._first_order.update(ground_truth, covariance, estimate)
+        self._first_order.update(ground_truth, covariance, estimate, steps.error)
         self._absolute.update(ground_truth, covariance, estimate)
         # Each costs a solution, and is asked for several times.
         self._absolute_total = self._absolute.total

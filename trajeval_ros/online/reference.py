@@ -35,6 +35,7 @@ class Reference:
     def __init__(self, settings: GroundTruthSettings) -> None:
         """Start without samples."""
         self._learned = settings.learned
+        self._lesson: tuple[Hyperparameters, Notice] | None = None
         self._intake = Intake(settings.use_covariance, settings.axes)
         self._faults = Faults()
         self._stamping = Stamping(settings.regularize_stamps)
@@ -101,8 +102,12 @@ class Reference:
         hyperparameters = self.ground_truth.hyperparameters
         if hyperparameters is None or not self._learned:
             return ()
-        found = [Notice("info", LEARNED, _described(hyperparameters))]
         fit = self.ground_truth.fit
+        # Each estimate asks, and the words cost more than the rest of what it asks for.
+        if self._lesson is None or self._lesson[0] is not hyperparameters:
+            described = Notice("info", LEARNED, _described(hyperparameters))
+            self._lesson = (hyperparameters, described)
+        found = [self._lesson[1]]
         if fit is not None and fit.stamp_std:
             text = f"the ground truth's stamps are uncertain to {1e3 * fit.stamp_std:.2g} ms"
             found.append(
