@@ -58,6 +58,23 @@ def test_a_scale_is_named_but_where_it_is_free():
     assert causes(nuisances, gauge="sim3") == {}
 
 
+def test_a_clock_that_runs_fast_is_named_with_what_undoes_it():
+    found = causes(Nuisances(0.0, -2e-3, NONE, 1.0))
+    assert "clock_rate" in found
+    assert " % fast" in found["clock_rate"].text
+    factor = found["clock_rate"].advice.split()[8].rstrip(";")
+    assert float(factor) == pytest.approx(0.998, abs=1e-4)
+    assert "clock_rate" not in causes(Nuisances(0.0, 5e-5, NONE, 1.0))
+
+
+def test_what_the_motion_does_not_show_is_not_named():
+    """However far from nothing it comes out: its standard deviation is as large as any value."""
+    model = named(fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask))
+    model["scale"] = {"value": 570.0, "std": 570.0}
+    model["clock_offset"] = {"value": -1.6, "std": 0.35}
+    assert fitted_causes(model, "se3", 0.0, NONE) == ()
+
+
 @pytest.mark.parametrize(
     ("kind", "parameters"),
     [(Kind.DRIFT, DRIFT), (Kind.DRIFT, FINE), (Kind.VELOCITY, VELOCITY), (Kind.WANDER, WANDER)],

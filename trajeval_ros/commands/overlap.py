@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.time_bases import Found, offset_by_motion, time_base
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.accounting import Reason
+from trajeval_ros.runs.far_offset import posed
 
 SECOND = 1_000_000_000
 
@@ -57,22 +56,12 @@ def _agreeing(cause: Cause | None, found: Found) -> str:
 
 
 def _by_motion(truth: Trajectory, estimate: Trajectory) -> Found | None:
-    known, other = _posed(truth), _posed(estimate)
+    known, other = posed(truth), posed(estimate)
     if min(len(known[0]), len(other[0])) < 2:
         return None
     # Of coordinates beyond all measure no motion is told.
     with np.errstate(over="ignore", invalid="ignore"):
         return offset_by_motion(*known, *other)
-
-
-def _posed(trajectory: Trajectory) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Increasing stamps (N,) and poses (N, 4, 4) of what is one."""
-    with np.errstate(over="ignore"):
-        norms = np.linalg.norm(trajectory.quaternions, axis=1)
-    good = np.isfinite(trajectory.positions).all(axis=1) & (np.abs(norms - 1.0) < 1e-2)
-    good[1:] &= trajectory.stamps[1:] > np.maximum.accumulate(trajectory.stamps)[:-1]
-    positions, quaternions = trajectory.positions[good], trajectory.quaternions[good]
-    return trajectory.stamps[good], se3.from_position_quaternion(positions, quaternions)
 
 
 def small_share(

@@ -17,6 +17,7 @@ import numpy as np
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.rotations import Array
+from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 
 GAIN = 10.0
 """Nats that a nuisance gains beyond doubt: 4.5 standard deviations, a chance of 7e-6, of nine."""
@@ -27,9 +28,14 @@ _APART = 4.5
 _GAIN_OF_THREE = 13.2
 # s, m, rad, 1: below, nobody sets anything.
 _SHORTEST, _NEAREST, _LEAST_TURN, _LEAST_SCALE = 5e-4, 5e-3, np.radians(0.1), 2e-3
+# What is known no better is not named, however far from nothing: a fit of poses that do not belong
+# together has such values.
+_SEEN = dict(zip(NAMES, OBSERVED_STD.tolist(), strict=True))
 # Of fewer poses, the scatter of a fit is not known well.
 _ENOUGH = 200
-_FITTED = ("clock_offset", "body_frame", "scale")
+_FITTED = ("clock_offset", "clock_rate", "body_frame", "scale")
+# Beyond what crystals differ by: 1e-4 is 6 ms a minute.
+_LEAST_RATE = 1e-4
 
 
 def fitted_causes(
@@ -43,6 +49,7 @@ def fitted_causes(
         return ()
     return (
         *_clock(model, time_offset),
+        *_rate(model),
         *_changes(model),
         *_body_frame(model, extrinsic),
         *(_scale(model) if gauge not in ("none", "sim3") else ()),
@@ -101,7 +108,7 @@ def gain(value: Array, covariance: Array) -> float:
 def _clock(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
     value, std = model["clock_offset"]["value"], model["clock_offset"]["std"]
     gained = 0.5 * (value / std) ** 2
-    if gained < GAIN or abs(value) < _SHORTEST:
+    if gained < GAIN or abs(value) < _SHORTEST or std > _SEEN["clock_offset"]:
         return ()
     whole = applied + value
     but = ""
@@ -120,6 +127,25 @@ def _clock(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
             f"{known}: {gained:,.0f} nats better with {1e3 * whole:+.{digits}f} ms added to its"
             f" stamps{but}",
             f"set estimate.time_offset={whole:.{digits + 3}f}",
+        ),
+    )
+
+
+def _rate(model: Mapping[str, Any]) -> tuple[Cause, ...]:
+    """A clock that runs fast or slow, by what is to be added to its stamps a second."""
+    value, std = model["clock_rate"]["value"], model["clock_rate"]["std"]
+    gained = 0.5 * (value / std) ** 2
+    if gained < GAIN or abs(value) < _LEAST_RATE or std > _SEEN["clock_rate"]:
+        return ()
+    digits = min(max(1 - math.floor(math.log10(1e2 * std)), 0), 7)
+    side = "fast" if value < 0.0 else "slow"
+    return (
+        Cause(
+            "clock_rate",
+            f"the estimate's clock runs {abs(1e2 * value):.{digits}f} ± {1e2 * std:.{digits}f} %"
+            f" {side}: {gained:,.0f} nats",
+            f"multiply the time since its first stamp by {1.0 + value:.{digits + 2}f}; live, let"
+            " the clocks agree (PTP, NTP)",
         ),
     )
 
@@ -143,14 +169,17 @@ def _body_frame(model: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
     covariance = np.array(model["covariance"])
     arm, turn = (np.array(model["extrinsic"][k]["value"]) for k in ("translation", "rotation"))
     found = []
-    for name, value, rows, least, factor, unit in (
-        ("lever arm", arm, slice(2, 5), _NEAREST, 1e3, "mm"),
-        ("turn", turn, slice(5, 8), _LEAST_TURN, math.degrees(1.0), "degrees"),
+    for name, value, rows, least, factor, unit, seen in (
+        ("lever arm", arm, slice(2, 5), _NEAREST, 1e3, "mm", _SEEN["x"]),
+        ("turn", turn, slice(5, 8), _LEAST_TURN, math.degrees(1.0), "degrees", _SEEN["yaw"]),
     ):
         gained, size = gain(value, covariance[rows, rows]), float(np.linalg.norm(value))
         if gained >= _GAIN_OF_THREE and size >= least:
             along = value / size
-            std = factor * math.sqrt(along @ covariance[rows, rows] @ along)
+            std = math.sqrt(along @ covariance[rows, rows] @ along)
+            if std > seen:
+                continue
+            std *= factor
             digits = min(max(1 - math.floor(math.log10(std)), 0), 4)
             shown = f"{factor * size:.{digits}f} ± {std:.{digits}f} {unit}"
             found.append(f"a {name} of {shown} ({gained:,.0f} nats)")
@@ -173,7 +202,7 @@ def _scale(model: Mapping[str, Any]) -> tuple[Cause, ...]:
     value, std = model["scale"]["value"], model["scale"]["std"]
     logarithm = math.log(value)
     gained = 0.5 * (logarithm * value / std) ** 2
-    if gained < GAIN or abs(logarithm) < _LEAST_SCALE:
+    if gained < GAIN or abs(logarithm) < _LEAST_SCALE or std > _SEEN["scale"] * value:
         return ()
     digits = min(max(1 - math.floor(math.log10(std)), 0), 5)
     shown = f"{value:.{digits}f}"

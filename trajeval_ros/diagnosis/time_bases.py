@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,8 @@ _EPOCH, _SINCE_START = 946_684_800.0, 1e8
 # what the best correlation has to be, and all others at most, by this factor, further off (s).
 _LEAST_SPAN, _LEAST_COUNT, _MOST_COUNT = 10.0, 100, 400_000
 _CORRELATION, _SECOND_BEST, _APART = 0.8, 0.8, 1.0
+# So many offsets at most are worth a trial, where a motion repeats itself.
+_MOST_PEAKS = 8
 
 
 def time_base(ground_truth: Stamps, estimate: Stamps, applied: float = 0.0) -> Cause | None:
@@ -110,6 +112,12 @@ def _offset(truth: tuple[float, float], other: tuple[float, float], applied: flo
     return None
 
 
+def usual_name(offset: float) -> str:
+    """What clocks that are off by this (s), to a second, have in common; empty for nothing."""
+    names = (name for known, name in _NAMED if abs(abs(offset) - known) < 1.0)
+    return next(names, "")
+
+
 def _are_frame_numbers(stamps: Stamps) -> bool:
     """Whole seconds, one after the other, from a small one on."""
     if len(stamps) < 3 or stamps[0] < 0 or stamps[0] > 1e6 * SECOND or (stamps % SECOND).any():
@@ -150,25 +158,42 @@ def offset_by_motion(
     Stamps (N,) and (M,) ns, increasing, poses (N, 4, 4) and (M, 4, 4). Angular speed, or where
     that tells nothing the speed, correlated at every offset at which half of the shorter is common.
     """
+    for found in _by_motion(truth_stamps, truth, estimate_stamps, estimate):
+        if found and (
+            len(found) == 1 or found[1].correlation <= _SECOND_BEST * found[0].correlation
+        ):
+            return found[0]
+    return None
+
+
+def offsets_by_motion(
+    truth_stamps: Stamps, truth: Array, estimate_stamps: Stamps, estimate: Array
+) -> tuple[Found, ...]:
+    """The offsets at which the two move alike, the best first, also where several do."""
+    found = _by_motion(truth_stamps, truth, estimate_stamps, estimate)
+    return tuple(each for way in found for each in way)
+
+
+def _by_motion(
+    truth_stamps: Stamps, truth: Array, estimate_stamps: Stamps, estimate: Array
+) -> Iterator[tuple[Found, ...]]:
+    """By each of the speeds."""
     spans = [float(stamps[-1] - stamps[0]) / SECOND for stamps in (truth_stamps, estimate_stamps)]
     step = max(float(np.median(np.diff(s))) / SECOND for s in (truth_stamps, estimate_stamps))
     if min(spans) < _LEAST_SPAN or step <= 0.0:
-        return None
+        return
     if min(spans) < _LEAST_COUNT * step or sum(spans) > _MOST_COUNT * step:
-        return None
+        return
+    # A lag of zero: both begin together.
+    begin = float(truth_stamps[0] - estimate_stamps[0]) / SECOND
     for way in (_turning, _moving):
         a, b = (
             _sampled(stamps, way, poses, step)
             for stamps, poses in ((truth_stamps, truth), (estimate_stamps, estimate))
         )
-        peak = _peak(a, b, max(1, round(_APART / step)))
-        if peak is not None:
-            lag, correlation = peak
-            # A lag of zero: both begin together.
-            begin = float(truth_stamps[0] - estimate_stamps[0]) / SECOND
-            # A speed is over three steps.
-            return Found(begin + lag * step, correlation, 3 * step)
-    return None
+        peaks = _peaks(a, b, max(1, round(_APART / step)))
+        # A speed is over three steps.
+        yield tuple(Found(begin + lag * step, value, 3 * step) for lag, value in peaks)
 
 
 def _turning(poses: Array, first: Indices, second: Indices) -> Array:
@@ -193,8 +218,11 @@ def _sampled(stamps: Stamps, way: Speed, poses: Array, step: float) -> Array:
     return np.asarray(np.interp(grid, middle, np.minimum(speed, limit)))
 
 
-def _peak(a: Array, b: Array, apart: int) -> tuple[float, float] | None:
-    """Lag of ``b`` (steps, of its first sample after that of ``a``) with the best correlation."""
+def _peaks(a: Array, b: Array, apart: int) -> list[tuple[float, float]]:
+    """Lags of ``b`` (steps, of its first sample after that of ``a``), the best correlation first.
+
+    None lower than what is too low; so many at most, more than ``apart`` from each other.
+    """
     size = 1 << (len(a) + len(b)).bit_length()
     least = min(len(a), len(b)) // 2
 
@@ -203,7 +231,7 @@ def _peak(a: Array, b: Array, apart: int) -> tuple[float, float] | None:
 
     a, b = a - a.mean(), b - b.mean()
     if min(a.std(), b.std()) <= 0.0:
-        return None
+        return []
     ones_a, ones_b = np.ones(len(a)), np.ones(len(b))
     count = np.rint(correlated(ones_a, ones_b))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -214,14 +242,18 @@ def _peak(a: Array, b: Array, apart: int) -> tuple[float, float] | None:
     # What hardly varies in common correlates by chance.
     lively = (spread_a > 0.1 * a.var()) & (spread_b > 0.1 * b.var())
     value = np.where((count >= least) & lively & np.isfinite(value), value, -1.0)
-    best = int(np.argmax(value))
-    distance = np.abs((np.arange(size) - best + size // 2) % size - size // 2)
-    others = value[distance > apart].max(initial=-1.0)
-    here = float(value[best])
-    if here < _CORRELATION or others > _SECOND_BEST * here:
-        return None
-    before, after = value[best - 1], value[(best + 1) % size]
-    bend = before - 2 * here + after
-    vertex = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-    lag = best if best < len(a) else best - size
-    return lag + float(vertex), here
+    found: list[tuple[float, float]] = []
+    left = value.copy()
+    while len(found) < _MOST_PEAKS:
+        best = int(np.argmax(left))
+        here = float(left[best])
+        if here < _CORRELATION:
+            break
+        before, after = value[best - 1], value[(best + 1) % size]
+        bend = before - 2 * here + after
+        vertex = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+        lag = best if best < len(a) else best - size
+        found.append((lag + float(vertex), here))
+        distance = np.abs((np.arange(size) - best + size // 2) % size - size // 2)
+        left[distance <= apart] = -1.0
+    return found

@@ -81,6 +81,9 @@ class Report:
     def causes(self) -> tuple[Cause, ...]:
         """Return what is likely wrong with the data, if anything is."""
         none: tuple[Cause, ...] = ()
+        if any(cause.code == "time_base" for cause in self.of_rows):
+            # Of poses that do not belong together nothing else can be said.
+            return self.of_rows
         of_poses = shield("the search for likely causes", self._causes, none, self.say)
         return self.of_rows + of_poses
 

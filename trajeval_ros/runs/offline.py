@@ -30,6 +30,7 @@ from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.whole_run import Poses, grown, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_models, put_into
+from trajeval_ros.runs.far_offset import far_offset
 from trajeval_ros.runs.headline import with_headline
 from trajeval_ros.runs.latest_path import on_positions, scored
 from trajeval_ros.runs.origin import origin
@@ -176,6 +177,15 @@ def completed(
     }
     count_left_out(summary["estimate"], estimate)
     count_left_out(summary["ground_truth"], truth)
+    no_causes: tuple[Cause, ...] = ()
+    report.of_rows += shield(
+        "the search for the clocks' offset",
+        lambda: far_offset(
+            truth, estimate, 1e-9 * offset, summary["conventional"]["ate_translation_rmse"]
+        ),
+        no_causes,
+        report.say,
+    )
     if len(kept.stamps):
         summary = kept.complete(summary, engine.settings.evaluation)
     position_only = is_position_only(truth, estimate)
