@@ -15,7 +15,7 @@ from trajeval_ros.files.output import OutputError
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import ParameterError, complete
 from trajeval_ros.runs.session import Session
-from trajeval_ros.runs.several import NewestPoses, newest_compared
+from trajeval_ros.runs.several import NewestPoses, nats_per_second, newest_compared
 
 NAMES = ("vins", "orb")
 SOURCES = {"ground truth": "/ground_truth", "vins": "/vins", "orb": "/orb"}
@@ -155,6 +155,28 @@ def test_what_one_has_forgotten_is_left_out_of_its_pairs_alone_and_that_is_said(
     assert third.since is None
     assert " s on" not in sentence(third)
     assert read(first.figures()).since == stamps[-50]
+
+
+def test_the_difference_in_nats_is_of_the_same_instants(two):
+    engine = Engine(FIXED)
+    engine.add_ground_truth(two[0].ground_truth)
+    engine.add_estimate(two[0].estimate)
+    found = engine.finish().evaluations
+    one, other = NewestPoses("one", 0), NewestPoses("other", 0)
+    for kept in (one, other):
+        kept.add(found)
+    (pair,) = newest_compared([one, other], engine.settings.evaluation, "block_t")
+    poses, seconds = pair.coverage.common.poses, pair.coverage.common.seconds
+    models = {
+        "one": {"error_model": {"poses": poses, "nats_per_pose": 5.0}},
+        "other": {"error_model": {"poses": poses, "nats_per_pose": 4.0}},
+    }
+    nats = nats_per_second(pair, models)
+    assert nats["difference"] == pytest.approx(poses / seconds)
+    assert nats["a"] == pytest.approx(5.0 * poses / seconds)
+    models["other"]["error_model"]["poses"] = 2 * poses
+    assert nats_per_second(pair, models) is None
+    assert nats_per_second(pair, {**models, "other": {}}) is None
 
 
 def test_a_defect_in_what_is_kept_to_compare_costs_no_figures(two, monkeypatch):

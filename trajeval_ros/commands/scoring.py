@@ -37,7 +37,7 @@ from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.runs.recording import Recorded
-from trajeval_ros.runs.several import looked_at_together, together
+from trajeval_ros.runs.several import looked_at_together, nats_per_second, together
 from trajeval_ros.wall import shield
 
 
@@ -153,7 +153,8 @@ class _Together:
             print("\nCompared, each with each\n")
             summaries = {name: one.summary for name, one in found.items()}
             print("\n".join(figures.side_by_side(summaries)) + "\n")
-            print("\n".join(f"{sentence(comparison)}." for comparison in self.comparisons))
+            for one in self.comparisons:
+                print(f"{sentence(one)}.{_likelier(one, summaries)}")
             print("".join(f"\n{cause.sentence}\n" for cause in self.causes), end="")
         if len(found) > 1 and output:
             folder = Path(output).expanduser().absolute()
@@ -183,6 +184,18 @@ def _together(
         except OutputError as error:
             failures += error.lines
     return _Together(summary, comparisons, causes, tuple(failures))
+
+
+def _likelier(comparison: Comparison, summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Whose errors are likelier under its own error model; empty where that cannot be told."""
+    nats = nats_per_second(comparison, summaries)
+    if nats is None:
+        return ""
+    better = comparison.a if nats["difference"] > 0.0 else comparison.b
+    return (
+        f" Under its own error model {better} is likelier by {abs(nats['difference']):.2g}"
+        " nats a second."
+    )
 
 
 def _with_arguments(scored: Scored, given: Sequence[str]) -> Scored:

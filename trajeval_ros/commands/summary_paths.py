@@ -85,6 +85,7 @@ latest_path.online.alignment.pose.* latest_path.online.alignment.scale
 _OF_ALL = f"""
 likely_causes.*.{{code,text,advice}}
 comparison.*.{{a,b,since_ns}} comparison.*.{{common,only_a,only_b}}.{{poses,seconds}}
+comparison.*.nats_per_second.{{a,b,difference}}
 comparison.*.{{ate,re}}_{_BOTH}.{{ratio,p_value,method,reason,rmse_a,rmse_b,errors,interval.*}}
 """
 

@@ -22,6 +22,8 @@ from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
 
+_SAME_INSTANTS = 0.99
+"""So large a part of the poses of both are pairs where both are at the same instants."""
 MOST_POSES = 100_000
 """So many poses of each estimate are kept to be compared while a node runs: 80 minutes at 20 Hz."""
 
@@ -128,9 +130,32 @@ def together(
             name: {key: value for key, value in one.items() if key != "ground_truth"}
             for name, one in summaries.items()
         },
-        "comparison": [comparison.figures() for comparison in comparisons],
+        "comparison": [
+            {**one.figures(), "nats_per_second": nats_per_second(one, summaries)}
+            for one in comparisons
+        ],
         "likely_causes": [asdict(cause) for cause in causes],
     }
+
+
+def nats_per_second(
+    comparison: Comparison, summaries: Mapping[str, Mapping[str, Any]]
+) -> dict[str, float] | None:
+    """How likely each one's errors are under its own error model, nats a second, and a's less b's.
+
+    None where one has no error model, or the two are not at the same instants: the likelihood of
+    poses that come more often is another one.
+    """
+    models = [summaries[name].get("error_model") for name in (comparison.a, comparison.b)]
+    common = comparison.coverage.common
+    if None in models or common.seconds <= 0.0:
+        return None
+    rate = common.poses / common.seconds
+    known = [(model["poses"], model["nats_per_pose"] * rate) for model in models if model]
+    if common.poses < _SAME_INSTANTS * max(poses for poses, _ in known):
+        return None
+    (_, a), (_, b) = known
+    return {"a": a, "b": b, "difference": a - b}
 
 
 class NewestPoses:
