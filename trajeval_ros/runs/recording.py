@@ -31,6 +31,7 @@ from trajeval_ros.runs.statuses import (
     error_model_entries,
     flatten,
     flatten_comparison,
+    latest_path_entries,
 )
 from trajeval_ros.runs.trail import DEVIATIONS, SMALLEST, Poses, Trail, ellipsoids
 
@@ -184,6 +185,8 @@ class Recording:
         }
         if models:
             last["error_model"] = error_model_entries(models)
+        if summary.get("latest_path"):
+            last["latest_path"] = latest_path_entries(summary["latest_path"])
         running = [(one.latest, one.statuses) for one in batches[:-1]]
         return [*running, (batches[-1].latest, last)]
 
