@@ -68,7 +68,11 @@ figures.offset = new charts.TimeChart(board, document.getElementById("offset"), 
   whiskers: [{ estimate: null, colour: "e2", times: [10, 30], low: [0, 1], high: [2, 4] }],
 });
 charts.controls(board, document.getElementById("bar"), {
-  raw: true, moments: [{ begin: 50, end: 55, text: "gap of 5 s", kind: "gap" }],
+  raw: true,
+  moments: [
+    { begin: 50, end: 55, text: "gap of 5 s", kind: "gap" },
+    { times: [20, 60], text: "learned", kind: "learned" },
+  ],
 });
 charts.printable(board);
 """
@@ -229,6 +233,21 @@ def test_a_moment_of_note_is_gone_to(tab: Any) -> None:
     assert tab.evaluate("board.range") == [35, 70]
     tab.get_by_role("button", name="Show all of the run").click()
     assert tab.evaluate("board.range") == [0, 100]
+
+
+def test_each_click_goes_to_the_next_of_several(tab: Any) -> None:
+    button = tab.get_by_role("button", name="Go to: learned")
+    for time in (20, 60, 20):
+        button.click()
+        assert tab.evaluate("board.cursor") == time
+
+
+def test_a_triangle_is_gone_to_when_it_is_clicked(tab: Any) -> None:
+    x, _ = place_of(tab, 70.0)
+    top = tab.locator("#error .over").bounding_box()["y"]
+    tab.mouse.click(x + 2, top - 4)
+    assert tab.evaluate("board.cursor") == 70
+    assert tab.evaluate("board.isZoomed")
 
 
 def test_keys_move_the_moment_and_a_reader_hears_it(tab: Any) -> None:

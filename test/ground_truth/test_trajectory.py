@@ -551,3 +551,18 @@ def test_twist_is_the_derivative_of_the_pose():
     assert len(stamps) > 20
     np.testing.assert_allclose(twists.means, expected, rtol=0, atol=1e-6)
     assert (np.linalg.eigvalsh(twists.covariances) > 0).all()
+
+
+@pytest.mark.parametrize(("still", "expected"), [(0.0, 0), (20.0, 1)])
+def test_when_its_process_changed_is_remembered(still, expected):
+    seconds = np.arange(0.0, 40.0, 0.02)
+    poses = motion(np.maximum(seconds - still, 0.0))
+    poses = poses @ se3.exp(1e-3 * np.random.default_rng(0).normal(size=(len(seconds), 6)))
+    truth = ground_truth(Samples(at(seconds), poses, None), None, floor=5e-4)
+    truth.conclude()
+    fit = truth.fit
+    assert len(fit.anew) == expected
+    assert (fit.adapted > 0) == bool(expected)
+    for stamp in fit.anew:
+        # As soon as it moves.
+        assert still < (stamp - START) / SECOND < still + 0.5

@@ -4,7 +4,8 @@
 
 /**
  * Fill a bar. `raw`: whether there is something to show unaligned; `clock(time)`: what a moment is
- * called besides its seconds; `moments`: [{begin, end, text, kind}], to go to.
+ * called besides its seconds; `moments`: [{begin, end, text, kind}], to go to; of one with `times`
+ * each click goes to the next.
  */
 function controls(board, host, { raw = false, clock = () => "", moments = [] } = {}) {
   host.classList.add("controls");
@@ -68,8 +69,11 @@ function momentList(board, moments, button) {
   list.className = "moments";
   list.setAttribute("role", "group");
   list.setAttribute("aria-label", "Moments of note");
-  for (const { begin, end, text, kind } of moments) {
-    const element = button(text, `Go to: ${text}`, () => board.goTo(begin, end));
+  for (const { begin, end, text, kind, times } of moments) {
+    const next = () => times.find((time) => time > (board.cursor ?? -Infinity) + 1e-9) ?? times[0];
+    const go = times ? () => board.goTo(next()) : () => board.goTo(begin, end);
+    const element = button(text, `Go to: ${text}`, go);
+    if (!times) element.title = `at ${moment(begin, board.span)}`;
     element.className = kind;
     list.append(element);
   }

@@ -14,7 +14,7 @@ const PAPER_WIDTH = 720;
  *   bands: [{label, estimate, colour, times, low, high, breaks, counts}]: an array each, or null for
  *     the bottom; `counts`: whether the axis is to reach them; whiskers: [{estimate, colour, times, low, high}];
  *   levels: [{value, label}]; shades: [[begin, end], ...] without ground truth;
- *   marks: [{time, text}], triangles at the top.
+ *   marks: [{time, text, colour}], triangles at the top, which one can click.
  * Arrays are sorted by `times`, s.
  */
 class TimeChart {
@@ -200,6 +200,7 @@ class TimeChart {
     this.overlay();
     this.fillHead();
     this.showCursor();
+    this.u.root.addEventListener("click", (event) => this.click(event));
   }
 
   rebuild() {
@@ -275,6 +276,17 @@ class TimeChart {
       const left = event.clientX - over.getBoundingClientRect().left;
       return clamp(this.u.posToVal(left, "x"), ...board.range);
     });
+  }
+
+  /** A click on a triangle, or just below it, goes there. */
+  click(event) {
+    const box = this.u.over.getBoundingClientRect();
+    const x = event.clientX - box.left;
+    const y = event.clientY - box.top;
+    if (y < -12 || y > 6) return;
+    const away = (mark) => Math.abs(this.u.valToPos(mark.time, "x") - x);
+    const near = (this.spec.marks ?? []).filter((mark) => away(mark) < 6);
+    if (near.length) this.board.goTo(near.sort((a, b) => away(a) - away(b))[0].time);
   }
 
   fillHead() {
@@ -414,11 +426,11 @@ class TimeChart {
         });
       }
     });
-    for (const { time } of this.spec.marks ?? []) {
+    for (const { time, colour = "mark" } of this.spec.marks ?? []) {
       const x = frame.x(time);
       if (x >= frame.left - 0.5 && x <= right + 0.5) {
         const top = frame.top;
-        pen.area([x - 4.5, top - 8, x + 4.5, top - 8, x, top], { fill: "mark" });
+        pen.area([x - 4.5, top - 8, x + 4.5, top - 8, x, top], { fill: colour });
       }
     }
   }

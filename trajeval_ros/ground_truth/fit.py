@@ -15,6 +15,8 @@ from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.segment import Segment
 
 _RECENT = 16
+# So many of the instants at which the process changed are remembered.
+_ANEW = 200
 # The noise has grown when it is so many times that of the first segments.
 _GROWN = 3.0
 _OWN = 0.7
@@ -32,7 +34,8 @@ class Fit:
     They are one when the process fits, and above where it promises too much. ``noise_std``: what
     the samples' noise is now, its correlated part included, m and rad; ``segments`` closed, and
     ``adapted``, the number of those whose samples refuted the process that they began with;
-    ``stamp_std``: how uncertain the samples' stamps are, s.
+    ``stamp_std``: how uncertain the samples' stamps are, s; ``anew``: stamps (ns) of the last
+    samples that refuted the process, so that another one was chosen.
     """
 
     mean_squares: tuple[float, float]
@@ -40,6 +43,7 @@ class Fit:
     segments: int
     adapted: int
     stamp_std: float
+    anew: tuple[int, ...] = ()
 
     @property
     def named(self) -> dict[str, float]:
@@ -70,6 +74,7 @@ class Fits:
         self._noted = 0
         self._segments = 0
         self._adapted = 0
+        self._anew: deque[int] = deque(maxlen=_ANEW)
         self.fit: Fit | None = None
 
     def add(self, segment: Segment) -> None:
@@ -86,6 +91,11 @@ class Fits:
         self._recent.append((means[0], means[1]))
         self._segments += 1
         self._adapted += len(segment.epochs) > 1
+        for changed in segment.epochs[1:]:
+            stamp = int(segment.samples.stamps[changed.first - 1])
+            # A segment that overlaps has seen the same.
+            if not self._anew or stamp - self._anew[-1] > _SECOND:
+                self._anew.append(stamp)
         self._noise = _noise(epoch.process)
         translation, rotation = (float(np.median(each)) for each in zip(*self._recent, strict=True))
         self.fit = Fit(
@@ -94,6 +104,7 @@ class Fits:
             self._segments,
             self._adapted,
             epoch.process.stamp_std,
+            tuple(self._anew),
         )
         white = _white(epoch)
         self._first = self._first or white

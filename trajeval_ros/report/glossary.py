@@ -30,7 +30,10 @@ CAPTIONS = {
         "What each part of the run, taken alone, says is to be added to the estimate's stamps. A"
         " slope is a clock that runs at another rate, a step one that was set."
     ),
-    "rates": "Messages as they came; shaded: no ground truth.",
+    "rates": (
+        "Messages as they came; shaded: no ground truth. Green triangles: samples refuted the"
+        " process that models the ground truth, and another one was learned."
+    ),
     "likelihoods": (
         "The log-likelihoods fall where the estimate is bad; the relative and the absolute one lie"
         " on one another as long as first order holds. What was gained within some seconds is what"

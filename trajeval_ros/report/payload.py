@@ -75,6 +75,7 @@ def payload(estimates: Sequence[Shown]) -> Values:
         },
         "kind": "ATE" if all(s.is_ate for s in serieses) else "error, aligned by likelihood",
         "window": first.parameters["window.duration"],
+        "anew": [round((stamp - start) / SECOND, 3) for stamp in first.anew],
         "rates": _rates(estimates, start, end),
         "ellipsoids": _ellipsoids(serieses[0], start, origin, (across, along)) if single else [],
         "moments": [
@@ -122,7 +123,8 @@ def _estimate(one: Shown, number: int, of: int, start: int, origin: Array) -> Va
         "times": numbers(seconds[kept]),
         "breaks": _breaks_among(series.breaks, kept),
         "truth": numbers(series.ground_truth[kept] - origin),
-        "aligned": numbers(series.estimate[kept] - origin),
+        # Apart from the ground truth, so that a millimetre counts beside a kilometre.
+        "off": numbers(series.translation_axes[kept]),
         "alignment": {
             "rotation": alignment.pose[:3, :3].ravel().tolist(),
             "translation": alignment.pose[:3, 3].tolist(),

@@ -50,9 +50,9 @@
 
   const estimates = data.estimates.map((one) => {
     const truth = floats(one.truth);
-    const aligned = floats(one.aligned);
+    const off = floats(one.off);
+    const aligned = Float64Array.from(off, (value, k) => value + truth[k]);
     const raw = unaligned(aligned, one.alignment);
-    const off = between(aligned, truth);
     return {
       ...one,
       times: floats(one.times),
@@ -81,7 +81,12 @@
     return `${charts.reading(gone, "m")} along the ground truth`;
   }
 
-  draw("controls", (host) => controls(board, host, { raw: true, clock, moments: data.moments }));
+  const moments = [...data.moments];
+  if (data.anew.length) {
+    const times = data.anew.length === 1 ? "" : ` (${data.anew.length})`;
+    moments.push({ text: `ground truth learned anew${times}`, kind: "learned", times: data.anew });
+  }
+  draw("controls", (host) => controls(board, host, { raw: true, clock, moments }));
 
   // Where -------------------------------------------------------------------------------------------
 
@@ -247,6 +252,9 @@
 
   chart("rates", {
     title: "Messages a second", unit: "", height: 150, zero: true,
+    marks: [...events, ...data.anew.map((time) => ({
+      time, text: "learned anew", colour: "good",
+    }))].sort((a, b) => a.time - b.time),
     lines: data.rates.map(({ label, colour, estimate, times, rates }) => ({
       label, colour, estimate, kind: "step", times: floats(times), values: floats(rates),
     })),

@@ -34,7 +34,8 @@ class Report:
     ``parameters`` are the engine's, ``sources`` say where each trajectory comes from, e.g.
     ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices`` and ``way``, to be set,
     are the engine's at the time of the report; ``model`` is the error model, once there is one;
-    ``growth``: of a whole run, how errors grow over "time" and "distance".
+    ``growth``: of a whole run, how errors grow over "time" and "distance"; ``anew``: stamps (ns) at
+    which the ground truth's process changed.
 
     No defect of it is raised: :attr:`defects` has a line for each kind.
     """
@@ -55,6 +56,7 @@ class Report:
         self.of_rows: tuple[Cause, ...] = ()
         self.model: Mapping[str, Any] | None = None
         self.growth: Mapping[str, tuple[Box, ...]] = {}
+        self.anew: tuple[int, ...] = ()
 
     def say(self, line: str) -> None:
         """Remember what has failed, in one line; each line once."""
@@ -122,6 +124,7 @@ class Report:
             estimate=self.estimate,
             way=self.way,
             growth=self.growth,
+            anew=self.anew,
         )
 
     def render(self, summary: Mapping[str, Any]) -> str:

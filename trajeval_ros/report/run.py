@@ -23,7 +23,8 @@ class Run:
     ``summary`` and ``parameters`` are the engine's, ``poses`` are :data:`track.FIELDS` records in
     time order, ``sources`` say where each trajectory comes from, ``defects`` what failed, ``way``
     is the ground truth's, also where there is no estimate, ``growth`` of a whole run how errors
-    grow over "time" and "distance".
+    grow over "time" and "distance", ``anew`` stamps (ns) at which the ground truth's process
+    changed.
     """
 
     summary: Mapping[str, Any]
@@ -37,3 +38,4 @@ class Run:
     estimate: Coverage
     way: Way | None = None
     growth: Mapping[str, tuple[Box, ...]] = field(default_factory=dict)
+    anew: tuple[int, ...] = ()

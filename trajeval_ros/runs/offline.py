@@ -169,6 +169,8 @@ def completed(
     """
     offset = engine.settings.estimates[name].time_offset
     report.notices, report.way = engine.notices(name), engine.way()
+    fit = engine.health(name).fit
+    report.anew = () if fit is None else fit.anew
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     report.of_rows = causes_of_rows(truth, estimate, offset)
     summary: Figures = {

@@ -301,6 +301,8 @@ class Session:
         for name, record in self._records.items():
             record.report.notices = self.engine.notices(name)
             record.report.way = self.engine.way()
+            fit = self.engine.health(name).fit
+            record.report.anew = () if fit is None else fit.anew
             try:
                 record.save(summaries[name], last=last)
             except OutputError as error:
