@@ -15,6 +15,7 @@ import pytest
 from trajeval_ros import __version__, se3
 from trajeval_ros.commands import evaluate
 from trajeval_ros.commands.simulate import write_files
+from trajeval_ros.files.tum import read_tum
 from trajeval_ros.online.parameters import PARAMETERS
 
 Array = npt.NDArray[np.float64]
@@ -116,6 +117,38 @@ def test_errors_and_their_alignments(tmp_path: Path, files: tuple[Path, Path], g
     assert rms(np.linalg.norm(turn, axis=1)) == pytest.approx(
         conventional["re_rotation_rmse"], rel=1e-8
     )
+
+
+def test_errors_at_a_sparse_ground_truths_instants(
+    tmp_path: Path, files: tuple[Path, Path]
+) -> None:
+    """From the rows and the ground truth's own samples, by the rule that the documentation has."""
+    lines = [line for line in files[0].read_text().splitlines() if not line.startswith("#")]
+    sparse = tmp_path / "sparse.txt"
+    sparse.write_text("\n".join(lines[::80]) + "\n", encoding="utf-8")
+    summary = run(tmp_path / "out", (sparse, files[1]))
+    conventional = summary["conventional"]
+    assert conventional["at"] == "ground_truth"
+    rows = Rows(tmp_path / "out" / "poses.csv")
+    poses, stamps = rows.poses("est"), rows.stamps()
+    known = read_tum(sparse)
+    samples = se3.from_position_quaternion(known.positions, known.quaternions)
+    truth, estimate = [], []
+    for n in range(1, len(known)):
+        instant, gap = known.stamps[n], known.stamps[n] - known.stamps[n - 1]
+        after = int(np.searchsorted(stamps, instant))
+        if not 0 < after < len(stamps) or stamps[after] - stamps[after - 1] > 0.5 * gap:
+            continue
+        share = (instant - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
+        step = se3.log(np.linalg.inv(poses[after - 1]) @ poses[after])
+        estimate.append(poses[after - 1] @ se3.exp(share * step))
+        truth.append(samples[n])
+    assert conventional["poses"] == len(truth)
+    translation, rotation = errors(
+        np.array(truth), aligned(conventional["alignment"], np.array(estimate))
+    )
+    assert rms(translation) == pytest.approx(conventional["ate_translation_rmse"], rel=RTOL)
+    assert rms(rotation) == pytest.approx(conventional["ate_rotation_rmse"], rel=RTOL)
 
 
 def test_likelihoods_are_the_sums_of_their_columns(
