@@ -8,11 +8,12 @@ from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
 
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.diagnosis.fitted import disagree, fitted_causes, together
+from trajeval_ros.diagnosis.fitted import disagree, fitted_causes, is_misread, together
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.process import Kind
+from trajeval_ros.report.answers import answer
 
 FINE = np.log([[5e-4, 3e-3], [5e-4, 1e-3]])
 ARM = se3.exp(np.array([0.03, 0.0, 0.02, 0.0, 0.0, 0.0]))
@@ -108,3 +109,23 @@ def test_positions_and_orientations_of_different_times_are_said():
     assert by["rotation"]["value"] == pytest.approx(-0.035, abs=0.02)
     assert disagree(model)
     assert not disagree(named(fit(*early, ask)))
+
+
+@pytest.mark.parametrize(
+    ("codes", "misread"),
+    [
+        ((), False),
+        (("scale", "lost"), False),
+        (("time_base",), True),
+        (("scale", "mirrored"), True),
+    ],
+)
+def test_whether_there_is_an_answer(codes, misread):
+    """Of poses that are not what they were read as nothing is said but that."""
+    assert is_misread(codes) is misread
+    causes = [{"code": code, "text": "", "advice": ""} for code in codes]
+    conventional = {"ate_translation_rmse": 1.0, "ate_rotation_rmse": 1.0}
+    summary = {"likely_causes": causes, "gauge": "se3", "conventional": conventional}
+    parameters = {"relative.delta": 1.0, "relative.unit": "s"}
+    told = dict(answer(summary, parameters))
+    assert ("not told" in told.get("Kind of error", "")) is misread

@@ -9,7 +9,7 @@ is large enough that somebody would set it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,11 @@ def together(coarse: tuple[Cause, ...], fitted: tuple[Cause, ...]) -> tuple[Caus
         return coarse
     codes = {cause.code for cause in fitted}
     return (*(cause for cause in coarse if cause.code not in codes), *fitted)
+
+
+def is_misread(codes: Iterable[str]) -> bool:
+    """Whether likely causes, by their codes, say that poses are not what they were read as."""
+    return not set(codes) <= {*_FITTED, "clock_change", "lost", "ground_truth_or_shared"}
 
 
 def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:

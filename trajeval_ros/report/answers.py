@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree
+from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree, is_misread
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 from trajeval_ros.report import covered
 
@@ -76,6 +76,9 @@ def answer(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
 
     A text has a line break where one may be.
     """
+    if is_misread(cause["code"] for cause in summary.get("likely_causes", ())):
+        text = "not told: the poses are not what they were read as, see the likely cause"
+        return [*_how_good(summary, parameters), ("Kind of error", text)]
     return [
         *_how_good(summary, parameters),
         *sentences(summary.get("error_model"), _start(summary), _headline(summary).get("without")),
