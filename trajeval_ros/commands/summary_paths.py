@@ -39,7 +39,7 @@ _ERROR_MODEL = f"""
 {{clock_offset,clock_rate,scale}}.{_VALUE} clock_offset_by.{_BOTH}.{_VALUE}
 extrinsic.{_BOTH}.{_XYZ} extrinsic.pose.* covariance.*.* nats_per_pose_of.{{drift,velocity,wander}}
 whiteness.{_BOTH}.* jumps.*.{{stamp,translation,rotation}} unobserved.*
-clock_changes.*.{{begin,end,before,after,std}}
+clock_changes.*.{{begin,end,before,after,std}} clock_stretches.*.{{begin,end,offset,std}}
 """
 _GROUND_TRUTH = f"""
 {{received,used,pending,segments,cut}} rejected.{{{_REASONS}}}
