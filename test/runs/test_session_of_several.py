@@ -41,10 +41,13 @@ def test_each_is_as_it_is_alone_and_all_are_in_one_summary(two, tmp_path):
     run.finish_all()
     assert run.save(last=True) == tmp_path
     run.close()
-    assert sorted(os.listdir(tmp_path)) == ["orb", "summary.json", "vins"]
+    assert sorted(os.listdir(tmp_path)) == ["orb", "report.html", "summary.json", "vins"]
     together = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert list(together) == ["ground_truth", "estimates", "comparison", "likely_causes"]
     assert together["ground_truth"]["rejected"]["undecodable"] == 2
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"<title>{', '.join(NAMES)}: trajectory evaluation</title>" in page
+    assert 'id="translation"' in page
     for name, one in zip(NAMES, two, strict=True):
         assert sorted(os.listdir(tmp_path / name)) == FILES
         alone = json.loads((tmp_path / name / "summary.json").read_text(encoding="utf-8"))
@@ -83,7 +86,7 @@ def test_a_run_that_is_over_is_kept_whole(two, tmp_path):
     run.reset()
     run.save()
     run.close()
-    assert sorted(os.listdir(tmp_path / "run_1")) == ["orb", "summary.json", "vins"]
+    assert sorted(os.listdir(tmp_path / "run_1")) == ["orb", "report.html", "summary.json", "vins"]
     kept = json.loads((tmp_path / "run_1" / "summary.json").read_text(encoding="utf-8"))
     assert kept["estimates"]["vins"]["estimate"]["evaluated"] > 100
     now = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))

@@ -16,12 +16,14 @@ from typing import Any
 
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.ratio import Method
+from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.output import (
     FILES,
     LATEST_PATH,
     OutputError,
     OutputFolder,
+    write_report,
     write_summary,
 )
 from trajeval_ros.online.engine import Engine
@@ -35,6 +37,7 @@ from trajeval_ros.online.parameters import (
 )
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.report import render_several
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.record import Record
@@ -312,7 +315,12 @@ class Session:
         if self.is_several:
             self._error = None
             try:
-                write_summary(folder, together(summaries, self.comparisons(), self.causes_of_all()))
+                comparisons, causes = self.comparisons(), self.causes_of_all()
+                write_summary(folder, together(summaries, comparisons, causes))
+                reports = {name: record.report for name, record in self._records.items()}
+                said = [f"{sentence(comparison)}." for comparison in comparisons]
+                said += [cause.sentence for cause in causes]
+                write_report(folder, render_several(reports, summaries, said))
             except OutputError as error:
                 self._error = str(error)
                 failures.append(error)
@@ -333,7 +341,8 @@ class Session:
         """What is in the output folder."""
         if not self.is_several:
             return list(_OF_ONE)
-        return [*(f"{name}/{file}" for name in self.names for file in _OF_ONE), _SUMMARY]
+        of_each = (f"{name}/{file}" for name in self.names for file in _OF_ONE)
+        return [*of_each, _SUMMARY, "report.html"]
 
     def _summaries(self) -> list[str]:
         """Those of the files that tell of results."""
