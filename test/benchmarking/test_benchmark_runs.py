@@ -22,6 +22,7 @@ from benchmarking.conftest import ROOT, make_runs
 
 import trajeval_ros as te
 from trajeval_ros.benchmarking import cluster
+from trajeval_ros.benchmarking.errors import read_errors
 from trajeval_ros.benchmarking.manifest import read_manifest
 from trajeval_ros.benchmarking.plan import Task
 from trajeval_ros.benchmarking.results import Results, read_csv, read_results
@@ -161,6 +162,7 @@ def wait_for(path: Path, lines: int, patience: float = 60.0) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_after_kills_every_row_is_there_once(done: Done, tmp_path: Path) -> None:
     """A scheduler and two workers as processes: a worker is killed, then the client."""
     manifest, rows = done
@@ -206,6 +208,7 @@ def test_a_scheduler_that_is_not_there_is_said(
     assert "no scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_page_s_commands_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -241,6 +244,7 @@ def deadly(task: Task) -> list[Outcome]:
     return [Outcome(failed(one, "not evaluated here")) for one in task.runs]
 
 
+@pytest.mark.slow
 def test_a_run_that_kills_its_workers_costs_itself_alone(
     done: Done, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -259,12 +263,14 @@ def test_a_run_that_kills_its_workers_costs_itself_alone(
     assert lost["error"] == "every worker died that evaluated it"
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_is_said_and_what_is_done_is_kept(
     done: Done, tmp_path: Path, client: Any
 ) -> None:
-    del client
-    manifest, _ = done
+    manifest, rows = done
     address, out = tmp_path / "scheduler.json", tmp_path / "out"
+    worker = ("distributed.cli.dask_worker", "--scheduler-file", str(address), "--no-nanny")
+    worker += ("--nthreads", "1", "--no-dashboard", "--local-directory", str(tmp_path))
     with contextlib.ExitStack() as stack:
         scheduler = stack.enter_context(
             process(
@@ -273,21 +279,55 @@ def test_a_scheduler_that_dies_is_said_and_what_is_done_is_kept(
             )
         )
         wait_for(address, 1)
+        stack.enter_context(process(*worker))
         found = re.search(r"tcp://[0-9.:]+", address.read_text())
         assert found is not None
-        # There is no worker, so that it dies before anything is done.
-        asked = (str(manifest), "--output", str(out), "--scheduler", found[0])
-        command = subprocess.Popen(
-            [sys.executable, "-m", "trajeval_ros", "benchmark", *asked],
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = started("benchmark", str(manifest), "--output", str(out), "--scheduler", found[0])
         stack.callback(command.kill)
-        wait_for(out / "results.csv", 0)
-        time.sleep(0.5)
+        wait_for(out / "results.csv", 2)
         scheduler.kill()
         _, said = command.communicate(timeout=60)
     assert command.returncode == 1
     assert "benchmark: error: the scheduler is gone; --resume goes on" in said
-    assert read_csv(out / "results.csv") == []
+    resumed_as(out, manifest, rows, client)
+
+
+@pytest.mark.slow
+def test_ctrl_c_loses_no_more_than_what_was_under_way(
+    done: Done, tmp_path: Path, client: Any
+) -> None:
+    """The signal goes to the workers as well, as a terminal sends it."""
+    manifest, rows = done
+    out = tmp_path / "out"
+    command = started("benchmark", str(manifest), "--output", str(out), "--workers", "1")
+    try:
+        wait_for(out / "results.csv", 2)
+        os.killpg(command.pid, signal.SIGINT)
+        _, said = command.communicate(timeout=60)
+    finally:
+        command.kill()
+    assert command.returncode == 130
+    assert "runs are done; --resume goes on with them" in said
+    assert "Traceback" not in said
+    resumed_as(out, manifest, rows, client)
+
+
+def started(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "trajeval_ros", *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def resumed_as(out: Path, manifest: Path, rows: list[Row], client: Any) -> None:
+    """What is there is kept as it is, and with the rest it is a run without trouble."""
+    before = {row["key"]: row["wall_time"] for row in read_csv(out / "results.csv")}
+    assert 0 < len(before) < len(rows)
+    again = run(read_manifest(manifest), out, client, resume=True)
+    assert_same(again, rows)
+    assert {row["key"]: row["wall_time"] for row in again if row["key"] in before} == before
+    assert len(read_errors(out, [str(row["key"]) for row in rows])) == len(rows) - 1

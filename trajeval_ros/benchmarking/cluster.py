@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from trajeval_ros.benchmarking import interrupts
 from trajeval_ros.benchmarking.plan import Task
 from trajeval_ros.benchmarking.work import LOST, Outcome, failed, outcomes_of
 
@@ -47,6 +48,7 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
             silence_logs=50,
+            preload=[interrupts.__name__],
         ) as local,
         Client(local) as client,
     ):

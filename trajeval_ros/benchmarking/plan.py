@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -82,9 +83,19 @@ def tasks(manifest: Manifest, planned: Mapping[str, Iterable[Planned]], workers:
     size = min(max(-(-total // (2 * workers)), 1), _MOST_RUNS)
     made = []
     for sequence in manifest.sequences:
-        left = list(planned[sequence.name])
+        left = _in_turn(planned[sequence.name])
         made += [
             Task(sequence.ground_truth, sequence.parameters, tuple(left[begin : begin + size]))
             for begin in range(0, len(left), size)
         ]
     return made
+
+
+def _in_turn(runs: Iterable[Planned]) -> list[Planned]:
+    """The first run of each system, then the second: all systems are as far at any time."""
+    seen: Counter[str] = Counter()
+    places = []
+    for one in runs:
+        places.append((seen[one.run.system], one))
+        seen[one.run.system] += 1
+    return [one for _, one in sorted(places, key=lambda place: place[0])]

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ from trajeval_ros.benchmarking.results import CSV, Results, frame, in_order, rea
 from trajeval_ros.benchmarking.table import compare
 from trajeval_ros.benchmarking.work import Row
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[Mapping[str, int], Mapping[str, int]], None]
+"""Told how many runs of each system are done, and how many there are."""
 
 
 class OutputExistsError(ValueError):
@@ -37,8 +39,8 @@ def run(
 ) -> list[Row]:
     """Evaluate every run of a manifest; write its rows, errors, tables and report.
 
-    ``resume``: rows that are there of the same contents are kept. ``progress`` is told how many
-    runs of how many are done. Returns the rows in the order of their names.
+    ``resume``: rows that are there of the same contents are kept. Returns the rows in the order of
+    their names.
 
     Raises :class:`OutputExistsError` without ``resume`` where there are results already,
     :class:`~trajeval_ros.benchmarking.results.ResultsError` for those that cannot be read, and
@@ -54,13 +56,16 @@ def run(
     done = {str(row["key"]) for row in results.rows}
     errors = ErrorsFile(folder, read_errors(folder, done))
     left = {name: [one for one in runs if one.key not in done] for name, runs in planned.items()}
-    progress(len(done), len(keys))
+    total = Counter(run.system for run in manifest.runs)
+    counts = Counter(str(row["system"]) for row in results.rows)
+    progress(counts, total)
     todo = tasks(manifest, left, cluster.workers_of(client))
     for outcomes in cluster.evaluate(client, todo):
         # The errors first: whatever has a row has them.
         errors.add(outcome.errors for outcome in outcomes if outcome.errors is not None)
         results.add([outcome.row for outcome in outcomes])
-        progress(len(results.rows), len(keys))
+        counts.update(str(outcome.row["system"]) for outcome in outcomes)
+        progress(counts, total)
     results.finish()
     rows = in_order(results.rows)
     publish(folder, rows)

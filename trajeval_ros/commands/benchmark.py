@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trajeval_ros.commands import completion, console
+from trajeval_ros.commands.benchmark_progress import BenchmarkProgress
 
 if TYPE_CHECKING:
     from trajeval_ros.benchmarking.manifest import Manifest
@@ -148,12 +149,17 @@ def _rows(arguments: argparse.Namespace, manifest: Manifest) -> list[Row]:
     from trajeval_ros.benchmarking.whole import OutputExistsError, run
 
     folder = Path(arguments.output).expanduser()
+    progress = BenchmarkProgress()
     try:
         with (
             cluster(arguments.scheduler, arguments.workers) as client,
-            console.Progress("evaluating", len(manifest.runs), "runs") as progress,
+            progress,
         ):
             return run(manifest, folder, client, resume=arguments.resume, progress=progress.update)
+    except KeyboardInterrupt:
+        done, total = sum(progress.done.values()), sum(progress.total.values())
+        print(f"{done:,} of {total:,} runs are done; --resume goes on with them", file=sys.stderr)
+        raise
     except (OutputExistsError, ResultsError) as error:
         raise console.UsageError(f"--output: {error}") from error
     except ClusterError as error:
