@@ -276,7 +276,7 @@ def test_dark_is_another_set_of_colours(tab: Any) -> None:
 def test_on_paper_each_figure_is_vectors(tab: Any) -> None:
     tab.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert tab.locator(".printed svg").count() == 5
-    drawn = tab.evaluate("figures.error.printed.querySelectorAll('polyline').length")
+    drawn = tab.evaluate("figures.error.printed.querySelectorAll('path').length")
     # Two estimates in two pieces each, besides the grid.
     assert drawn >= 4
     tab.evaluate("dispatchEvent(new Event('afterprint'))")

@@ -252,11 +252,13 @@ class MapView {
     const inner = this.within(times);
     const piece = (from, to, alpha) => {
       const edges = [from, ...breaks.filter((k) => k > from && k < to), to];
+      const found = [];
       for (let e = 1; e < edges.length; e += 1) {
         const points = [];
         for (let k = edges[e - 1]; k < edges[e]; k += 1) points.push(...this.place(positions, k));
-        if (points.length > 2) pen.line(points, { ...look, alpha });
+        if (points.length > 2) found.push(points);
       }
+      if (found.length) pen.lines(found, { ...look, alpha });
     };
     if (this.board.isZoomed) {
       piece(0, inner[0] + 1, 0.25);
@@ -282,24 +284,26 @@ class MapView {
       const look = { stroke: "low", width: 1.4 };
       this.path(pen, track.aligned, track.times, track.breaks, look);
     }
+    // Stretches of one colour, by colour: what is far off is drawn last, and so on top.
     const broken = new Set(track.breaks);
+    const byLevel = Array.from({ length: LEVELS + 1 }, () => []);
     let points = [];
     let now = -1;
-    const flush = () => {
-      if (points.length > 2) {
-        pen.line(points, { stroke: errorColour(Math.min((now + 0.5) / LEVELS, 1)), width: 2.2 });
-      }
-    };
     for (let k = first + 1; k < last; k += 1) {
       const next = broken.has(k) ? -1 : level(k);
       if (next !== now) {
-        flush();
-        points = next < 0 ? [] : [...this.place(track.aligned, k - 1)];
         now = next;
+        if (next >= 0) {
+          points = [...this.place(track.aligned, k - 1)];
+          byLevel[next].push(points);
+        }
       }
       if (next >= 0) points.push(...this.place(track.aligned, k));
     }
-    flush();
+    byLevel.forEach((stretches, k) => {
+      const stroke = errorColour(Math.min((k + 0.5) / LEVELS, 1));
+      if (stretches.length) pen.lines(stretches, { stroke, width: 2.2 });
+    });
   }
 
   ellipsoid(pen, { place, axes }) {

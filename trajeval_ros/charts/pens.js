@@ -38,10 +38,16 @@ class CanvasPen {
     this.theme = theme;
   }
 
-  line(points, { stroke, width = 1, dash = [], alpha = 1 }) {
+  line(points, look) {
+    this.lines([points], look);
+  }
+
+  /** Several lines of one look: far faster than one by one. */
+  lines(all, { stroke, width = 1, dash = [], alpha = 1 }) {
     const { context } = this;
     context.save();
-    this.trace(points);
+    context.beginPath();
+    for (const points of all) this.trace(points);
     context.globalAlpha = alpha;
     context.strokeStyle = this.theme.colour(stroke);
     context.lineWidth = width;
@@ -55,6 +61,7 @@ class CanvasPen {
   area(points, { fill, alpha = 1, stroke = null, width = 1 }) {
     const { context } = this;
     context.save();
+    context.beginPath();
     this.trace(points);
     context.closePath();
     context.globalAlpha = alpha;
@@ -107,7 +114,6 @@ class CanvasPen {
 
   trace(points) {
     const { context } = this;
-    context.beginPath();
     for (let k = 0; k < points.length; k += 2) {
       if (k === 0) context.moveTo(points[0], points[1]);
       else context.lineTo(points[k], points[k + 1]);
@@ -128,12 +134,17 @@ class SvgPen {
     return `color-mix(in srgb, var(--${from}), var(--${to}) ${(100 * share).toFixed(0)}%)`;
   }
 
-  line(points, { stroke, width = 1, dash = [], alpha = 1 }) {
+  line(points, look) {
+    this.lines([points], look);
+  }
+
+  lines(all, { stroke, width = 1, dash = [], alpha = 1 }) {
     const dashed = dash.length ? ` stroke-dasharray="${dash.join(" ")}"` : "";
     const faint = alpha < 1 ? ` opacity="${alpha}"` : "";
     this.parts.push(
-      `<polyline points="${SvgPen.places(points)}" fill="none" stroke-width="${width}"`
-      + ` stroke-linejoin="round"${dashed}${faint} style="stroke:${SvgPen.colour(stroke)}"/>`,
+      `<path d="${all.map((points) => `M${SvgPen.places(points)}`).join("")}" fill="none"`
+      + ` stroke-width="${width}" stroke-linejoin="round"${dashed}${faint}`
+      + ` style="stroke:${SvgPen.colour(stroke)}"/>`,
     );
   }
 
