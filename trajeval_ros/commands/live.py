@@ -10,7 +10,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Any, Protocol, Self
 
@@ -103,6 +103,12 @@ class State:
         seconds = 0.0 if self.stamp is None else max(self.stamp - self.first, 0.0)
         text = f"{name}: {health.message}" if health.level else f"{name}: well again"
         self.events.append(Event(seconds, health.level, text))
+
+    def move(self, seconds: float) -> None:
+        """The run began so much earlier than it seemed: what happened in it was so much later."""
+        self.stamp = None if self.stamp is None else self.stamp + seconds
+        moved = [replace(event, seconds=event.seconds + seconds) for event in self.events]
+        self.events = deque(moved, maxlen=_MOST_EVENTS)
 
     def progress(self) -> float:
         """Share of the run that has been evaluated, 0 to 1."""

@@ -97,6 +97,28 @@ def test_a_path_stands_beside_the_ground_truth_at_its_stamps() -> None:
     np.testing.assert_allclose(sections["path/other"]["error"], 0.0, atol=1e-9)
 
 
+def test_a_run_that_began_earlier_is_told_anew_from_there() -> None:
+    watched = Watched("/evaluator")
+    feed = Feed(watched)
+    known = Known()
+    watched.take_metrics(START + 20 * SECOND, metrics(0.1))
+    watched.take_errors("estimate", [(START + 20 * SECOND, [0.1, 0.1, 0.1, 0.1])])
+    watched.take_health("estimate", Health(1, "silent"))
+    assert feed.turn()
+    known.take(json.loads(feed.change))
+    # The path, which is latched, knows of what was before us.
+    stamps = [START, START + 10 * SECOND]
+    watched.take_path(GROUND_TRUTH, np.zeros((2, 3)), stamps)
+    assert feed.turn()
+    known.take(json.loads(feed.change))
+    assert known.state == whole(json.loads(feed.whole))
+    assert known.sections["run"]["start"] == START / SECOND
+    assert known.sections["path/ground_truth"]["seconds"] == [0.0, 10.0]
+    assert known.sections["health"]["events"][0]["seconds"] == 20.0
+    assert known.curves["errors/estimate"]["rows"] == [[20.0, 0.1, 0.1, 0.1, 0.1]]
+    assert known.curves["figures/estimate"]["rows"][0][0] == 20.0
+
+
 def test_a_stamp_that_goes_back_begins_another_run() -> None:
     watched = Watched("/evaluator")
     watched.take_metrics(START + SECOND, metrics(0.1))

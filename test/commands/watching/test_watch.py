@@ -4,6 +4,7 @@
 
 import json
 import math
+import os
 import re
 import signal
 import socket
@@ -29,6 +30,9 @@ from node.data import run
 from node.harness import Graph, Process, save_samples
 
 pytestmark = pytest.mark.ros
+
+AXE = "TRAJEVAL_AXE"
+"""Names the file axe.min.js of axe-core, as for the tests of the report."""
 
 
 @pytest.fixture
@@ -212,6 +216,15 @@ def show_in_a_browser(browser: Any, graph: Graph, page: Watch) -> None:
     for width in (1200, 400):
         tab.set_viewport_size({"width": width, "height": 800})
         graph.until(partial(is_as_wide_as, tab, width), f"a page {width} px wide")
+    # Printed, every figure is vectors: an error there is one on the console.
+    assert tab.pdf().startswith(b"%PDF")
+    if os.environ.get(AXE):
+        for scheme in ("light", "dark"):
+            tab.emulate_media(color_scheme=scheme)
+            tab.evaluate(Path(os.environ[AXE]).read_text(encoding="utf-8"))
+            found = tab.evaluate("axe.run()")["violations"]
+            serious = [each for each in found if each["impact"] in ("serious", "critical")]
+            assert [(each["id"], each["nodes"][0]["html"]) for each in serious] == []
     # A page that is hidden is not connected; one that is seen again knows all.
     rows = "page.state.curves['errors/estimate']?.rows.length ?? 0"
     before = tab.evaluate(rows)

@@ -23,6 +23,10 @@ def latest(first: Row, second: Row) -> Row:
     return second
 
 
+def _moved(row: Row, seconds: float) -> Row:
+    return ((row[0] or 0.0) + seconds, *row[1:])
+
+
 def _size(row: Row) -> float:
     return -math.inf if row[1] is None else row[1]
 
@@ -47,6 +51,13 @@ class Curves:
         """Grows with every change."""
         self._stride = 1
         self._in_tail = 0
+
+    def move(self, seconds: float) -> None:
+        """Every row is so much later."""
+        self.rows = [_moved(row, seconds) for row in self.rows]
+        self.tail = None if self.tail is None else _moved(self.tail, seconds)
+        self.generation += 1
+        self.version += 1
 
     def add(self, row: Row) -> None:
         """Take in a row, later than all before it."""

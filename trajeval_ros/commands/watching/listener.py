@@ -139,9 +139,6 @@ class Listener:
         paths = [(GROUND_TRUTH, message) for message in self._truth.take()]
         for name, estimate in self._estimates.items():
             paths += [(name or ALONE, message) for message in estimate.path.take()]
-        for _, message in paths:
-            if message.poses:
-                self._watched.begin(_stamp(message.poses[0]))
         for name, estimate in self._estimates.items():
             self._take_errors(name or ALONE, estimate, now)
         for message in self._metrics.take():

@@ -100,13 +100,24 @@ class Watched:
         self._clear(tuple(self._estimates))
 
     def begin(self, stamp: int) -> None:
-        """The run begins at this stamp (ns), unless it has begun already."""
-        if self._start is None:
-            self._start = stamp
-            self._versions["run"] += 1
+        """The run has begun at this stamp (ns), or before."""
+        if self._start is not None and stamp >= self._start:
+            return
+        later = 0.0 if self._start is None else (self._start - stamp) / _SECOND
+        self._start = stamp
+        for name in self.sections():
+            self._versions[name] += 1
+        for curves in self.curves().values():
+            curves.move(later)
+        for path in self._paths.values():
+            path[:, 0] += later
+        self._state.move(later)
 
     def name_estimates(self, names: Sequence[str], *, several: bool) -> None:
         """The node has these estimates; one that is not one of several is `ALONE`."""
+        # The health has them in the node's own order.
+        order = list(self._state.health)
+        names = sorted(names, key=lambda name: order.index(name) if name in order else len(order))
         if (tuple(self._estimates), self._several) != (tuple(names), several):
             self._several = several
             self._estimates = {name: self._estimates.get(name) or _Estimate() for name in names}
@@ -155,11 +166,7 @@ class Watched:
         before = self._state.health.get(name)
         self._state.take_health(name, health)
         if before is None:
-            # The health has them in the node's own order.
-            order = list(self._state.health)
-            known = [each for each in order if each in self._estimates]
-            others = [each for each in self._estimates if each not in known]
-            self.name_estimates([*known, *others], several=self._several)
+            self.name_estimates(list(self._estimates), several=self._several)
         if before is None or (before.level, before.message) != (health.level, health.message):
             self._versions["health"] += 1
 

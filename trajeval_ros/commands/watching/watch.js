@@ -171,7 +171,6 @@ class Page {
     const { state, text } = connection;
     element("connection").dataset.state = state;
     if (element("connection").textContent !== text) element("connection").textContent = text;
-    element("main").classList.toggle("past", state === "gone" || state === "lost");
   }
 
   showRun({ node, start, number }) {
@@ -308,18 +307,20 @@ class Page {
       const usual = finite[finite.length >> 1];
       const limits = values.map((value, n) => (known[n] > 10 * usual ? NaN : value));
       lines.push({ label: name, estimate: name, colour, times: seconds, values, limits, breaks });
-      if (band && bands.length === 0) {
-        const high = columns[band].map((value) => factor * value);
+      const spread = (columns[band ?? whiskers] ?? []).map((value) => factor * value);
+      const there = seconds.map((_, n) => n).filter((n) => Number.isFinite(spread[n] + (band ? 0 : values[n])));
+      const times = there.map((n) => seconds[n]);
+      if (band && bands.length === 0 && times.length) {
         bands.push({
-          label: "ground truth known to, 2 σ", estimate: null, colour: "band", times: seconds, low: null, high, breaks,
+          label: "ground truth known to, 2 σ", estimate: null, colour: "band", times, low: null,
+          high: there.map((n) => spread[n]), breaks: breaksOf(times),
         });
       }
-      if (whiskers) {
-        const spread = columns[whiskers].map((value) => factor * value);
+      if (whiskers && times.length) {
         bands.push({
-          label: "±", estimate: name, colour, alpha: 0.2, counts: true, times: seconds, breaks,
-          low: values.map((value, n) => value - spread[n]),
-          high: values.map((value, n) => value + spread[n]),
+          label: "±", estimate: name, colour, alpha: 0.2, counts: true, times, breaks: [],
+          low: there.map((n) => values[n] - spread[n]),
+          high: there.map((n) => values[n] + spread[n]),
         });
       }
     });
