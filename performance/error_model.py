@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.error_model.fit import ErrorModel, fit
+from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import NAMES, Ask, Nuisances
 from trajeval_ros.error_model.process import GROUPS, Kind, steps

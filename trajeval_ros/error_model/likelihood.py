@@ -19,7 +19,7 @@ expectation of the complete data's score, from the blocks of Λ⁻¹ on and besi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -287,7 +287,7 @@ class Likelihood:
         answers = []
         for score, information, own in (
             (u, told, self.data.measured * self._jitter),
-            (v, felt, self.own_noise()),
+            (v, felt, self.own_noise()[1] * self.data.moved),
         ):
             mean = np.maximum(information.reshape(-1, 2, 3).mean(axis=2), 1e-100)
             # Errors of absurd data are bounded before they are squared.
@@ -296,31 +296,30 @@ class Likelihood:
             answers += [square, np.maximum(1.0 / mean - own, 0.0)]
         return answers[0], answers[1], answers[2], answers[3]
 
-    def own_noise(self) -> Array:
-        """What one axis of each step's first component is inflated from, (N - 1, 2)."""
-        return np.stack(
-            [s.noise[:, 0, 0] * self.data.moved[:, g] for g, s in enumerate(self._steps)], axis=1
-        )
+    def own_noise(self) -> tuple[Array, Array]:
+        """The variances of one axis that poses (2,) and steps (N - 1, 2) have without weights."""
+        return self._jitter, np.stack([step.noise[:, 0, 0] for step in self._steps], axis=1)
+
+    @property
+    def weights(self) -> tuple[Array, Array]:
+        """Factors of the variances, of poses and of steps."""
+        return self.data.measured, self.data.moved
+
+    def at(self, parameters: Array, weights: tuple[Array, Array]) -> Likelihood:
+        """The likelihood at another place."""
+        data = replace(self.data, measured=weights[0], moved=weights[1])
+        return Likelihood(self.kind, parameters, data, self.gauge)
 
     def innovations(self) -> Array:
         """What each pose is beyond its prediction from those before, whitened; (N, 6)."""
-        rest = self.data.errors - self.columns @ self.theta
-        return self._whitened(rest[..., None])[..., 0]
+        return self.whitened()[1]
 
-    def clustered_ratio(self, blocks: int) -> Array:
-        """Standard deviations of θ that the data show, over those that the model says; (c,).
-
-        White's estimate: the scores ``Xᵢᵀ νᵢ`` of whitened columns and innovations, summed over so
-        many stretches of time, whose sums have the information's variance where the model holds.
-        """
+    def whitened(self) -> tuple[Array, Array]:
+        """The nuisances' columns (N, 6, c) and the innovations (N, 6), whitened."""
         both = np.concatenate([self.columns, self.data.errors[..., None]], axis=2)
         white = self._whitened(both)
         columns = white[..., :-1]
-        innovation = white[..., -1] - columns @ self.theta
-        each = np.einsum("nic,ni->nc", columns, innovation)
-        shown = self.theta_covariance @ scatter(each, blocks) @ self.theta_covariance
-        # Round-off may leave a direction without any scatter just below zero.
-        return np.asarray(np.sqrt(np.maximum(np.diag(shown), 0.0) / np.diag(self.theta_covariance)))
+        return columns, white[..., -1] - columns @ self.theta
 
     def _whitened(self, columns: Array) -> Array:
         """Columns (N, 6, c) of what the errors hold, each less what those before it predict.
@@ -345,6 +344,19 @@ class Likelihood:
         spread = noise @ np.linalg.solve(covariance, noise)
         root = np.linalg.cholesky(0.5 * (spread + np.swapaxes(spread, 1, 2)))
         return np.asarray(np.linalg.solve(root, gained))
+
+
+def clustered_ratio(columns: Array, white: Array, covariance: Array, blocks: int) -> Array:
+    """Standard deviations of θ that the data show, over those that the model says; (c,).
+
+    White's estimate: the scores ``Xᵢᵀ νᵢ`` of whitened columns and innovations, summed over so
+    many stretches of time, whose sums have the information's variance where the model holds.
+    covariance: of θ, as the model says.
+    """
+    each = np.einsum("nic,ni->nc", columns, white)
+    shown = covariance @ scatter(each, blocks) @ covariance
+    # Round-off may leave a direction without any scatter just below zero.
+    return np.asarray(np.sqrt(np.maximum(np.diag(shown), 0.0) / np.diag(covariance)))
 
 
 def scatter(scores: Array, blocks: int) -> Array:

@@ -1,6 +1,6 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The likeliest parameters of one process, robustly, and how certain they are.
+"""The likeliest parameters of one process, robustly.
 
 Real errors are heavy-tailed: a lost track, a loop closure. As Huber's estimate does, a disturbance
 that lies beyond what one in a thousand of a Gaussian's would gets a variance that brings it back
@@ -10,13 +10,10 @@ that shows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-
-from trajeval_ros.error_model.likelihood import Data, Likelihood, scatter
-from trajeval_ros.error_model.process import Kind
 
 Array = npt.NDArray[np.float64]
 
@@ -26,160 +23,159 @@ JUMP = 15.0
 """A disturbance of so many standard deviations is an event, not a part of drift."""
 
 _USUAL = 3.0
-# Weights whose logarithms change by less than this in sum do not change the fit. They are found
-# anew so often at the most, at first with the whole of each change.
-_SETTLED = 1.0
-_ROUNDS = 10
+# Changes of the weights' logarithms move the gradient, whose standard deviation is the root of the
+# number of errors, by about their sum: below this share of it they do not change the fit.
+_SETTLED = 0.02
+# Weights are found anew in so many rounds, with the whole of each change in the first ones, then a
+# half, a third and so on: neighbours take each other's outliers in turn otherwise, for ever.
+_ROUNDS = 8
 _WHOLE = 3
-_LEAST_STD = 1e-7
-_LARGEST_STD = 1e3
-# Noise of this share of the ground truth's standard deviation, or a drift of it in all of the time,
-# is none.
-_NONE = 0.03
-# Steps of a search; none is longer than this in the logarithm of a parameter.
-_STEPS = 25
+# No step of a search is longer than this in the logarithm of a parameter; one that promises less
+# than so many nats need not be compared with where it came from.
 _LONGEST = 2.0
-_LITTLE = 1e-6
-# A search ends where another step gains less than this, nats.
-_GAIN = 1e-2
-# Below this curvature of log L (of log σ), a standard deviation is not told from none.
-_FLAT = 1.0
+_SURE = 0.3
+# What the data hardly tell has so much information, as if known to within a factor of thirty: a
+# step there would be any that round-off says.
+_LITTLE = 0.1
+# Less of the curvature that is expected is no curvature, and a step of less (nats) tells of none.
+_TRUSTED = 0.1
+_TELLING = 1e-4
 
 
-@dataclass(frozen=True, slots=True)
-class Maximum:
-    """The fit of one process.
+class Climbable(Protocol):
+    """A likelihood at one place."""
 
-    likelihood: at the parameters. data: with the weights that were found. gauge: (N, 6, 6).
-    """
+    parameters: Array
+    value: float
 
-    kind: Kind
-    likelihood: Likelihood
-    data: Data
-    gauge: Array
+    def gradient(self) -> Array:
+        """By the parameters, of their shape."""
+
+    def average_information(self) -> Array:
+        """Of the p parameters in a row, (p, p)."""
+
+    def disturbances(self) -> tuple[Array, Array, Array, Array]:
+        """Of poses and of steps, each the squares, and the variances beside the own one's."""
+
+    def own_noise(self) -> tuple[Array, Array]:
+        """The variances of one axis that poses and steps have where their weights are 1."""
 
     @property
-    def parameters(self) -> Array:
-        """ψ, (2, p)."""
-        return self.likelihood.parameters
+    def weights(self) -> tuple[Array, Array]:
+        """Factors of the variances, of poses and of steps."""
+
+    def at(self, parameters: Array, weights: tuple[Array, Array]) -> Self:
+        """The likelihood at another place.
+
+        Raises numpy.linalg.LinAlgError where there is none.
+        """
 
 
-def _bounds(kind: Kind, data: Data) -> list[tuple[float, float]]:
-    """The least and the largest of each parameter, (2 p, 2)."""
-    intervals = np.diff(data.times)
-    span = float(data.times[-1] - data.times[0])
-    shortest = float(np.median(intervals))
-    known = np.sqrt(np.median(np.einsum("nii->ni", data.covariance), axis=0).reshape(2, 3).mean(1))
-    found = []
-    for std in known:
-        none = max(_NONE * float(std), _LEAST_STD)
-        least = {"jitter_std": none, "drift_std": none / np.sqrt(span), "wander_std": none}
-        least["velocity_std"] = none / span
-        for name in kind.names:
-            if name.endswith("time"):
-                found.append((np.log(shortest), np.log(max(span, 2.0 * shortest))))
-            else:
-                found.append((np.log(least[name]), np.log(_LARGEST_STD)))
-    return found
+Place = TypeVar("Place", bound=Climbable)
 
 
-def rough(kind: Kind, data: Data, time: float = 1.0) -> Array:
-    """Where a search may begin; (2, p). time: of an Ornstein-Uhlenbeck process, s."""
-    found = []
-    interval = float(np.median(np.diff(data.times)))
-    for group in (slice(0, 3), slice(3, 6)):
-        error = data.errors[:, group]
-        step = max(float(np.median(np.linalg.norm(np.diff(error, axis=0), axis=1))) / 2.5, 1e-6)
-        jitter, drift = 0.6 * step, 0.4 * step / np.sqrt(interval)
-        values = {
-            "jitter_std": jitter,
-            "drift_std": drift,
-            "velocity_std": drift / np.sqrt(2.0 * time),
-            "velocity_time": time,
-            "wander_std": max(drift * np.sqrt(0.5 * time), 0.5 * jitter),
-            "wander_time": time,
-        }
-        found.append([np.log(values[name]) for name in kind.names])
-    return np.array(found)
+def climb(here: Place, low: Array, high: Array, gain: float, steps: int, round_: int = 0) -> Place:
+    """The robust maximum from ``here``: Newton steps with the average information.
 
-
-def maximum(
-    kind: Kind, start: Array, data: Data, gauge: Array, gain: float = _GAIN, rounds: int = _STEPS
-) -> Maximum:
-    """The robust maximum from ``start`` (2, p): Newton steps with the average information.
-
-    The weights follow each step. It ends where another gains less than ``gain``, nats, and the
-    weights stay as they are.
+    low, high: bounds of the parameters in a row, (p,). The weights follow each step, from the
+    ``round_`` on that they are known from. It ends where another step gains less than ``gain``,
+    nats.
     """
-    low, high = np.array(_bounds(kind, data)).T
-    begin = np.clip(np.maximum(start, _least(kind, data)).ravel(), low, high)
-    here = Likelihood(kind, begin.reshape(start.shape), data, gauge)
-    settled = False
-    for number in range(rounds):
+    before: tuple[Array, Array] | None = None
+    for _ in range(steps):
+        slope, curvature = here.gradient().ravel(), here.average_information()
+        if before is not None:
+            curvature = _updated(curvature, before[0], before[1] - slope)
+        step, expected = _newton_step(here.parameters.ravel(), slope, curvature, low, high)
+        weights, settled = here.weights, round_ >= _ROUNDS
         if not settled:
-            here, settled = _reweighted(here, 1.0 if number < _WHOLE else 0.5)
-            settled = settled or number == _ROUNDS
-        step, expected = _newton_step(here, low, high)
-        if settled and expected < gain:
+            weights, settled = _reweighted(here, 1.0 / max(round_ - _WHOLE + 2, 1))
+            round_ += 1
+        if settled:
+            if expected < gain:
+                break
+            weights = here.weights
+        there = _moved(here, step, weights) if expected < _SURE else None
+        if there is None:
+            base = here if settled else here.at(here.parameters, weights)
+            there = _along(base, step)
+            if there is here:
+                break
+        moved = (there.parameters - here.parameters).ravel()
+        before = (moved, slope) if settled else None
+        here = there
+    return here
+
+
+def _updated(curvature: Array, step: Array, fallen: Array) -> Array:
+    """The curvature (p, p) corrected by how much a ``step`` has lowered the slope (BFGS).
+
+    The average information is not the observed one: a search by it alone gains a half each time.
+    """
+    along, seen = curvature @ step, float(step @ fallen)
+    told = float(step @ along)
+    if not seen > max(_TRUSTED * told, _TELLING):
+        return curvature
+    return np.asarray(
+        curvature - np.outer(along, along) / told + np.outer(fallen, fallen) / seen, np.float64
+    )
+
+
+def _newton_step(
+    here: Array, slope: Array, curvature: Array, low: Array, high: Array
+) -> tuple[Array, float]:
+    """A step (p,) between bounds (p,), and the gain it promises.
+
+    Parameters that it would take out of bounds end there, and the others step as fits that.
+    """
+    curvature = curvature + _LITTLE * np.eye(len(here))
+    step: Array = np.zeros(len(here))
+    free = ((here > low) | (slope > 0.0)) & ((here < high) | (slope < 0.0))
+    low, high = np.maximum(low, here - _LONGEST), np.minimum(high, here + _LONGEST)
+    for _ in range(len(here)):
+        rest = slope[free] - curvature[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.solve(curvature[np.ix_(free, free)], rest)
+        within = np.clip(here + step, low, high) - here
+        out = free & (within != step)
+        if not out.any():
             break
-        better = _along(here, step)
-        if settled and (better is None or better.value - here.value < gain):
-            here = better or here
-            break
-        here = better or here
-    return Maximum(kind, here, here.data, gauge)
+        # The first that is met on the way.
+        share = np.where(out, within / np.where(out, step, 1.0), np.inf)
+        first = int(np.argmin(share))
+        step[first], free[first] = within[first], False
+    return step, float(slope @ step - 0.5 * step @ curvature @ step)
 
 
-def _newton_step(here: Likelihood, low: Array, high: Array) -> tuple[Array, float]:
-    """A step (2p,) between bounds (2p,), and the gain it promises."""
-    flat, slope = here.parameters.ravel(), here.gradient().ravel()
-    free = ((flat > low) | (slope > 0.0)) & ((flat < high) | (slope < 0.0))
-    information = here.average_information()[np.ix_(free, free)]
-    # What the data hardly tell has a little information, so that no step is endless.
-    least = _LITTLE * max(float(np.diag(information).max(initial=0.0)), 1.0)
-    step = np.zeros(flat.size)
-    step[free] = np.linalg.solve(information + least * np.eye(free.sum()), slope[free])
-    step = np.clip(flat + np.clip(step, -_LONGEST, _LONGEST), low, high) - flat
-    return step, 0.5 * float(slope @ step)
-
-
-def _along(here: Likelihood, step: Array) -> Likelihood | None:
-    """The first point on a shrinking ``step`` (2p,) that is better; None where there is none."""
+def _along(here: Place, step: Array) -> Place:
+    """The first point on a shrinking ``step`` (p,) that is better; ``here`` where there is none."""
     for share in (1.0, 0.5, 0.2, 0.05):
-        there = _moved(here, share * step, here.data)
+        there = _moved(here, share * step, here.weights)
         if there is not None and there.value > here.value:
             return there
-    return None
+    return here
 
 
-def _moved(here: Likelihood, step: Array, data: Data) -> Likelihood | None:
-    """A ``step`` (2p,) on, with the weights of ``data``; None where there is no likelihood."""
-    parameters = here.parameters + step.reshape(here.parameters.shape)
+def _moved(here: Place, step: Array, weights: tuple[Array, Array]) -> Place | None:
+    """A ``step`` (p,) on; None where there is no likelihood."""
     try:
-        return Likelihood(here.kind, parameters, data, here.gauge)
+        return here.at(here.parameters + step.reshape(here.parameters.shape), weights)
     except np.linalg.LinAlgError:
         return None
 
 
-def _reweighted(found: Likelihood, share: float) -> tuple[Likelihood, bool]:
-    """With the weights that the disturbances ask for; whether those are the ones there are.
+def _reweighted(here: Climbable, share: float) -> tuple[tuple[Array, Array], bool]:
+    """The weights that the disturbances ask for; whether those are the ones there are.
 
     Or so great a ``share`` of the way: neighbours take each other's outliers in turn otherwise.
     """
-    measured, measured_rest, moved, moved_rest = found.disturbances()
-    data = found.data
-    jitter = np.exp(2.0 * found.parameters[:, 0])
-    own = found.own_noise() / data.moved
-    of_poses = np.log(_inflation(measured, measured_rest, jitter) / data.measured)
-    of_moves = np.log(_inflation(moved, moved_rest, own) / data.moved)
-    if float(np.abs(of_poses).sum() + np.abs(of_moves).sum()) < _SETTLED:
-        return found, True
-    weighted = replace(
-        data,
-        measured=data.measured * np.exp(share * of_poses),
-        moved=data.moved * np.exp(share * of_moves),
-    )
-    return Likelihood(found.kind, found.parameters, weighted, found.gauge), False
+    measured, measured_rest, moved, moved_rest = here.disturbances()
+    own, own_move = here.own_noise()
+    of_poses, of_moves = here.weights
+    change = np.log(_inflation(measured, measured_rest, own) / of_poses)
+    change_of_moves = np.log(_inflation(moved, moved_rest, own_move) / of_moves)
+    total = float(np.abs(change).sum() + np.abs(change_of_moves).sum())
+    weights = of_poses * np.exp(share * change), of_moves * np.exp(share * change_of_moves)
+    return weights, total < _SETTLED * np.sqrt(3.0 * of_poses.size)
 
 
 def _inflation(square: Array, rest: Array, own: Array) -> Array:
@@ -187,57 +183,3 @@ def _inflation(square: Array, rest: Array, own: Array) -> Array:
     own = np.maximum(own, 1e-300)
     limit = np.where(square > JUMP**2 * (own + rest), _USUAL, _RARE)
     return np.asarray(np.maximum((square / limit - rest) / own, 1.0))
-
-
-def _least(kind: Kind, data: Data) -> Array:
-    """What a search does not begin below, (2, p).
-
-    The logarithm of a standard deviation that has gone to zero has no slope to come back by, as it
-    must when weights have changed.
-    """
-    least = np.full((2, len(kind.names)), -np.inf)
-    known = rough(kind, data) - np.log(5.0)
-    for i, name in enumerate(kind.names):
-        if name in ("jitter_std", "drift_std"):
-            least[:, i] = known[:, i]
-    return least
-
-
-def at(kind: Kind, parameters: Array, data: Data, gauge: Array) -> Maximum:
-    """What is no maximum, but at given parameters, with the weights that the data have."""
-    return Maximum(kind, Likelihood(kind, parameters, data, gauge), data, gauge)
-
-
-def uncertainty(found: Maximum, blocks: int) -> Array:
-    """The covariance of ψ, (2p, 2p); NaN of those at no optimum.
-
-    From the average information, or where it is larger from the scores' scatter over so many
-    ``blocks`` of time (White's estimate). A standard deviation that runs to zero has no curvature
-    in its logarithm; see `upper_limit`.
-    """
-    information = found.likelihood.average_information()
-    known = np.diag(information) > _FLAT
-    covariance = np.full(information.shape, np.nan)
-    if known.any():
-        values, vectors = np.linalg.eigh(information[np.ix_(known, known)])
-        inverse = (vectors / np.maximum(values, 1e-3)) @ vectors.T
-        scores = found.likelihood.scores().reshape(found.likelihood.count, -1)[:, known]
-        shown = inverse @ scatter(scores, blocks) @ inverse
-        ratio = np.sqrt(np.maximum(np.diag(shown) / np.diag(inverse), 1.0))
-        covariance[np.ix_(known, known)] = inverse * ratio * ratio[:, None]
-    return covariance
-
-
-def upper_limit(found: Maximum, group: int, number: int) -> float:
-    """The value at which log L has fallen by ½: one standard deviation up from none."""
-    here = found.likelihood.value
-    parameters = found.parameters.copy()
-    for _ in range(60):
-        parameters[group, number] += 0.5
-        try:
-            there = Likelihood(found.kind, parameters, found.data, found.gauge).value
-        except np.linalg.LinAlgError:
-            break
-        if there < here - 0.5:
-            break
-    return float(np.exp(parameters[group, number]))

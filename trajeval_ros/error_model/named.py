@@ -10,7 +10,7 @@ import numpy as np
 
 from trajeval_ros import se3
 from trajeval_ros.error_model.changes import joined
-from trajeval_ros.error_model.fit import ErrorModel
+from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.nuisances import NAMES
 from trajeval_ros.error_model.process import GROUPS, Kind
 

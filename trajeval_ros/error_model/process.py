@@ -76,8 +76,9 @@ def steps(kind: Kind, parameters: Array, intervals: Array) -> Steps:
     parameters: (p,), in the order of ``kind.names``. intervals: dt, (n,), seconds.
     """
     n, k, p = len(intervals), kind.components, len(parameters)
-    transition, noise = np.zeros((n, k, k)), np.zeros((n, k, k))
-    d_transition, d_noise = np.zeros((p, n, k, k)), np.zeros((p, n, k, k))
+    # In memory the pose comes last: each entry is worked out for all poses at once.
+    transition, noise = np.moveaxis(np.zeros((2, k, k, n)), -1, 1)
+    d_transition, d_noise = np.moveaxis(np.zeros((2, p, k, k, n)), -1, 2)
     prior, d_prior, d_log = np.zeros((k, k)), np.zeros((p, k, k)), np.zeros(p)
     log_prior = 0.0
     if kind is not Kind.WANDER:
@@ -90,7 +91,7 @@ def steps(kind: Kind, parameters: Array, intervals: Array) -> Steps:
         a, rest = np.exp(-h), -np.expm1(-h)
         transition[:, -1, -1] = a
         d_transition[-1, :, -1, -1] = a * h
-        stationary = np.zeros((n, k, k))
+        stationary = np.zeros_like(noise)
         stationary[:, -1, -1] = variance * rest * (1.0 + a)
         d_noise[-1, :, -1, -1] = -2.0 * variance * a * a * h
         if kind is Kind.VELOCITY:

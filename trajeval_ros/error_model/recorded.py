@@ -37,8 +37,14 @@ class Recorded:
     covariances: Array
     twists: Array
 
-    def at(self, stamps: Stamps) -> Truth:
-        """The answers at ``stamps`` (n,)."""
+    def at(self, stamps: Stamps, near: float = 0.0) -> Truth:
+        """The answers at ``stamps`` (n,).
+
+        near: where there is no cubic, the nearest answer holds for so long, s, along its twist.
+        """
+        if np.array_equal(stamps, self.stamps):
+            every = np.ones(len(stamps), dtype=np.bool_)
+            return Truth(self.poses, self.covariances, self.twists, every)
         last = len(self.stamps) - 1
         before = np.clip(
             np.searchsorted(self.stamps, stamps, side="right") - 1, 0, max(last - 1, 0)
@@ -66,12 +72,17 @@ class Recorded:
         angle = _cubic(share, np.zeros_like(turn), turn, span * first[:, 3:], span * slope)
         poses[:, :3, :3] = start[:, :3, :3] @ se3.exp_so3(angle)
         mixed = share[..., None]
-        return Truth(
-            poses,
-            (1.0 - mixed) * self.covariances[before] + mixed * self.covariances[after],
-            (1.0 - share) * first + share * second,
-            exact | (inside & (length <= _WIDEST)),
-        )
+        covariances = (1.0 - mixed) * self.covariances[before] + mixed * self.covariances[after]
+        twists = (1.0 - share) * first + share * second
+        valid = exact | (inside & (length <= _WIDEST))
+        if near > 0.0 and not valid.all():
+            nearest = np.where(np.abs(since) < np.abs(since - length), before, after)
+            shift = (stamps - self.stamps[nearest]) * 1e-9
+            held = ~valid & (np.abs(shift) < near)
+            nearest, valid = nearest[held], valid | held
+            twists[held], covariances[held] = self.twists[nearest], self.covariances[nearest]
+            poses[held] = self.poses[nearest] @ se3.exp(twists[held] * shift[held, None])
+        return Truth(poses, covariances, twists, valid)
 
 
 def _turned(poses: Array, vectors: Array) -> Array:

@@ -17,8 +17,10 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.error_model.changes import Stretch, clock_changes
-from trajeval_ros.error_model.fit import ErrorModel, Figure, fit, unobserved
+from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.model import ErrorModel, Figure
 from trajeval_ros.error_model.nuisances import Nuisances
+from trajeval_ros.error_model.observed import unobserved
 from trajeval_ros.error_model.recorded import Recorded
 
 Array = npt.NDArray[np.float64]
@@ -71,7 +73,8 @@ class Poses:
 def fit_poses(poses: Poses) -> ErrorModel | None:
     """The error model of a stretch, by what was answered at its poses."""
     every = -(-len(poses) // MOST)
-    return fit(poses.truth.stamps[::every], poses.estimate[::every], poses.truth.at)
+    kept = poses[::every]
+    return fit(kept.truth.stamps, kept.estimate, poses.truth.at, kept.truth.at(kept.truth.stamps))
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.error_model.fit import ErrorModel, fit
+from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.error_model.recorded import Recorded
@@ -120,7 +121,8 @@ def error_models(
         return engine.truth(asked, name)
 
     all_poses = Poses.joined(poses)
-    run = fit(all_poses.truth.stamps, all_poses.estimate, truth)
+    stamps = all_poses.truth.stamps
+    run = fit(stamps, all_poses.estimate, truth, all_poses.truth.at(stamps))
     if run is not None:
         found["run"] = _named(run, WHOLE)
     return found

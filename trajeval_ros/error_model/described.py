@@ -1,0 +1,223 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of an error model, at the likelihood's maximum."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.error_model.changes import Stretch, clock_changes
+from trajeval_ros.error_model.likelihood import Likelihood, clustered_ratio, scatter
+from trajeval_ros.error_model.maximum import JUMP
+from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
+from trajeval_ros.error_model.nuisances import COUNT, PRIOR_STD, Nuisances
+from trajeval_ros.error_model.observed import shown, unobserved
+from trajeval_ros.error_model.process import GROUPS, Kind
+
+Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+_LAGS = 5
+# Stretches of time, of so many poses at least, by which the scatter of the nuisances is judged.
+_BLOCK = 20
+_BLOCKS = 40
+# A change of the clock is looked for between parts of so many poses that last so long (s).
+_PART = 60
+_PART_DURATION = 5.0
+_FIXED = 1e16
+# A group's noise is so much larger in variance where it is left out.
+_IGNORED = 1e10
+# Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
+_ROUGH = 0.3
+# Below this curvature of log L (of log σ), a standard deviation is not told from none.
+_FLAT = 1.0
+
+
+def described(
+    stamps: Stamps, nuisances: Nuisances, here: Likelihood, alternatives: dict[Kind, float]
+) -> ErrorModel:
+    """What is found.
+
+    stamps: (N,) ns, the estimate's own. nuisances: at which the errors of ``here`` are, which has
+    what is left of a step. alternatives: nats a pose of each process.
+    """
+    blocks = _blocks(here.count)
+    columns, white = here.whitened()
+    ratio = clustered_ratio(columns, white, here.theta_covariance, blocks)[:COUNT]
+    inflation = np.maximum(ratio, 1.0)
+    data, own = here.data, here.theta_covariance
+    step, covariance = shown(here.theta, own, np.exp(2.0 * here.parameters[:, 0]), data, here.gauge)
+    covariance = covariance * inflation * inflation[:, None]
+    clocks = _clock_by_group(nuisances, here)
+    nuisances = nuisances.moved(step)
+    std = np.sqrt(np.diag(covariance))
+    stretches = _stretches(stamps, nuisances, columns, white, std, own)
+    whiteness = np.array(
+        [
+            [(part[lag:] * part[:-lag]).sum() / (part**2).sum() for lag in range(1, _LAGS + 1)]
+            for part in (white[:, :3], white[:, 3:])
+        ]
+    )
+    theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - COUNT)])
+    return ErrorModel(
+        here.kind,
+        _groups(here, blocks),
+        nuisances,
+        covariance,
+        unobserved(covariance),
+        here.count,
+        here.at_theta,
+        here.at_theta - 0.5 * float(theta @ np.linalg.inv(own) @ theta),
+        float((white**2).mean()),
+        whiteness,
+        _jumps(stamps, here),
+        alternatives,
+        clock_changes(stretches),
+        tuple(stretches),
+        clocks,
+    )
+
+
+def _blocks(count: int) -> int:
+    """Into how many stretches so many poses are cut."""
+    return min(max(count // _BLOCK, 4), _BLOCKS)
+
+
+def _clock_by_group(nuisances: Nuisances, here: Likelihood) -> tuple[Figure, ...]:
+    """The clock offset by positions alone and by orientations alone.
+
+    Where the two differ, they were not taken at one time, or the errors are of another kind.
+    """
+    figures = []
+    for group in range(2):
+        ignored = np.ones(2)
+        ignored[1 - group] = _IGNORED
+        data = replace(here.data, measured=here.data.measured * ignored)
+        try:
+            alone = Likelihood(here.kind, here.parameters, data, here.gauge)
+            ratio = clustered_ratio(*alone.whitened(), alone.theta_covariance, _blocks(here.count))
+        except np.linalg.LinAlgError:
+            return ()
+        offset = nuisances.clock_offset + float(alone.theta[0])
+        std = max(float(ratio[0]), 1.0) * float(alone.theta_covariance[0, 0]) ** 0.5
+        figures.append(Figure(offset, std))
+    return tuple(figures)
+
+
+def _stretches(
+    stamps: Stamps, nuisances: Nuisances, columns: Array, white: Array, std: Array, own: Array
+) -> list[Stretch]:
+    """What parts of a run say of the clock, all else being as the whole says, to within ``std``.
+
+    By the innovations of each: columns (N, 6, c) and white (N, 6) as whitened. own: the covariance
+    of θ, of which ``std`` (9,) is as much larger as errors of a stretch are.
+    """
+    seconds = (stamps - stamps[0]) * 1e-9
+    edges = [0]
+    for i in range(_PART, len(stamps)):
+        if i - edges[-1] >= _PART and seconds[i] - seconds[edges[-1]] >= _PART_DURATION:
+            edges.append(i)
+    precision = 1.0 / std**2
+    precision[0] = PRIOR_STD[0] ** -2
+    precision[1] = _FIXED
+    parts = []
+    for begin, end in itertools.pairwise(edges):
+        part = columns[begin:end, :, :COUNT].reshape(-1, COUNT)
+        covariance = np.linalg.inv(part.T @ part + np.diag(precision))
+        change = float(covariance[0] @ (part.T @ white[begin:end].ravel()))
+        middle = 0.5 * (seconds[begin] + seconds[end - 1] - seconds[-1])
+        offset = nuisances.clock_offset + nuisances.clock_rate * middle + change
+        spread = float(std[0]) * float(covariance[0, 0] / own[0, 0]) ** 0.5
+        parts.append(Stretch(int(stamps[begin]), int(stamps[end - 1]), offset, spread))
+    return parts
+
+
+def _groups(here: Likelihood, blocks: int) -> dict[str, dict[str, Figure]]:
+    """Each parameter's value and standard deviation, and the long-run drift's.
+
+    Also by distance, at the mean speed.
+    """
+    covariance = uncertainty(here, blocks)
+    names, data = here.kind.names, here.data
+    size = len(names)
+    way = float(np.linalg.norm(data.travel, axis=1).sum())
+    speed = way / float(data.times[-1] - data.times[0])
+    groups: dict[str, dict[str, Figure]] = {}
+    for g, group in enumerate(GROUPS):
+        values = np.exp(here.parameters[g])
+        part = slice(g * size, (g + 1) * size)
+        own = covariance[part, part]
+        figures = {}
+        for i, name in enumerate(names):
+            std = float(values[i]) * float(own[i, i]) ** 0.5
+            if not name.endswith("time") and not std < _ROUGH * values[i]:
+                std = max(np.nan_to_num(std), _upper_limit(here, g, i) - float(values[i]))
+            figures[name] = Figure(float(values[i]), std)
+        if here.kind is not Kind.WANDER:
+            drift = figures["long_run_drift"] = _long_run(values, own)
+            if speed > 0.0:
+                by_time = float(np.sqrt(speed))
+                by_distance = Figure(drift.value / by_time, drift.std / by_time)
+                figures["long_run_drift_by_distance"] = by_distance
+        groups[group] = figures
+    return groups
+
+
+def uncertainty(here: Likelihood, blocks: int) -> Array:
+    """The covariance of ψ, (2p, 2p); NaN of those at no optimum.
+
+    From the average information, or where it is larger from the scores' scatter over so many
+    ``blocks`` of time (White's estimate). A standard deviation that runs to zero has no curvature
+    in its logarithm; see `_upper_limit`.
+    """
+    information = here.average_information()
+    known = np.diag(information) > _FLAT
+    covariance = np.full(information.shape, np.nan)
+    if known.any():
+        values, vectors = np.linalg.eigh(information[np.ix_(known, known)])
+        inverse = (vectors / np.maximum(values, 1e-3)) @ vectors.T
+        scores = here.scores().reshape(here.count, -1)[:, known]
+        scattered = inverse @ scatter(scores, blocks) @ inverse
+        ratio = np.sqrt(np.maximum(np.diag(scattered) / np.diag(inverse), 1.0))
+        covariance[np.ix_(known, known)] = inverse * ratio * ratio[:, None]
+    return covariance
+
+
+def _upper_limit(here: Likelihood, group: int, number: int) -> float:
+    """The value at which log L has fallen by ½: one standard deviation up from none."""
+    parameters = here.parameters.copy()
+    for _ in range(60):
+        parameters[group, number] += 0.5
+        try:
+            there = here.at(parameters, here.weights).value
+        except np.linalg.LinAlgError:
+            break
+        if there < here.value - 0.5:
+            break
+    return float(np.exp(parameters[group, number]))
+
+
+def _long_run(values: Array, covariance: Array) -> Figure:
+    """``sqrt(w² + 2 σ² T)``, and its standard deviation by the delta method."""
+    drift = values[1] ** 2
+    velocity = 2.0 * values[2] ** 2 * values[3] if len(values) > 2 else 0.0
+    total = float(np.sqrt(drift + velocity))
+    slope = np.zeros(len(values))
+    slope[1] = drift / total
+    if len(values) > 2:
+        slope[2], slope[3] = velocity / total, 0.5 * velocity / total
+    variance = float(slope @ np.nan_to_num(covariance) @ slope)
+    return Figure(total, float(np.sqrt(max(variance, 0.0))))
+
+
+def _jumps(stamps: Stamps, here: Likelihood) -> tuple[Jump, ...]:
+    _, _, square, rest = here.disturbances()
+    found = np.flatnonzero((square > JUMP**2 * (here.own_noise()[1] + rest)).any(axis=1))
+    sizes = np.sqrt(square)
+    return tuple(
+        Jump(int(stamps[i + 1]), float(sizes[i, 0]), float(sizes[i, 1])) for i in found.tolist()
+    )

@@ -1,0 +1,78 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nuisances that the motion shows, and those that it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros.error_model.likelihood import Data
+from trajeval_ros.error_model.model import Unobserved
+from trajeval_ros.error_model.nuisances import COUNT, OBSERVED_STD
+
+Array = npt.NDArray[np.float64]
+
+# The columns of a nuisance have to vary so many times more than errors of the ground truth do; and
+# the variance, in units of `OBSERVED_STD`, of a direction that the motion does not show.
+_BEYOND_ERRORS = 4.0
+_UNKNOWN = 100.0
+
+
+def shown(
+    theta: Array, covariance: Array, jitter: Array, data: Data, gauge: Array
+) -> tuple[Array, Array]:
+    """θ (9,) of the nuisances with its covariance (9, 9), as far as the motion shows them.
+
+    theta, covariance: as found, with others after them. jitter: variances (2,).
+
+    In the directions that it does not show there is nothing, and the covariance is large: there,
+    each step would be as long as its standard deviation, and none the last.
+    """
+    units = OBSERVED_STD * OBSERVED_STD[:, None]
+    information = np.linalg.inv(covariance[:COUNT, :COUNT]) * units
+    seen, hidden = _directions(information, jitter, data, gauge)
+    known = seen.T @ information @ seen
+    right = seen.T @ information @ (theta[:COUNT] / OBSERVED_STD)
+    scaled = seen @ np.linalg.inv(known) @ seen.T
+    scaled += _UNKNOWN * hidden @ hidden.T
+    return seen @ np.linalg.solve(known, right) * OBSERVED_STD, np.asarray(scaled * units)
+
+
+def _directions(information: Array, jitter: Array, data: Data, gauge: Array) -> tuple[Array, Array]:
+    """Axes seen and hidden: orthonormal columns, (9, r) and (9, 9 - r).
+
+    information: (9, 9), in units of `OBSERVED_STD`. Hidden is what the data do not tell to within
+    one unit, and what only errors of the ground truth tell: the attitude of a robot that does not
+    turn varies by its noise, and a lever arm would follow that as it follows motion.
+    """
+    noise = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
+    weight = 1.0 / (noise + data.measured * jitter)
+    # How much the columns vary beyond what an alignment takes up, weighted; and how much they would
+    # if they were errors.
+    both = np.concatenate([gauge, data.nuisances], axis=2)
+    flat = both.reshape(-1, both.shape[2])
+    squares = flat.T @ (flat * np.repeat(weight, 3, axis=1).reshape(-1, 1))
+    taken = squares[6:, :6] @ np.linalg.pinv(squares[:6, :6], hermitian=True) @ squares[:6, 6:]
+    errors = np.zeros(COUNT)
+    errors[2:5] = 2.0 * noise[:, 1] @ weight[:, 0]
+    errors[5:8] = 2.0 * noise[:, 1] @ weight[:, 1]
+    errors[8] = 3.0 * noise[:, 0] @ weight[:, 0]
+    beyond = squares[6:, 6:] - taken - _BEYOND_ERRORS * np.diag(errors)
+    values, vectors = np.linalg.eigh(beyond * OBSERVED_STD * OBSERVED_STD[:, None])
+    moved, hidden = vectors[:, values > 0.0], vectors[:, values <= 0.0]
+    values, vectors = np.linalg.eigh(moved.T @ information @ moved)
+    vectors = moved @ vectors
+    seen = vectors[:, values >= 1.0]
+    return seen, np.concatenate([hidden, vectors[:, values < 1.0]], axis=1)
+
+
+def unobserved(covariance: Array) -> tuple[Unobserved, ...]:
+    """The principal directions, in units of `OBSERVED_STD`, longer than one."""
+    scaled = covariance / OBSERVED_STD / OBSERVED_STD[:, None]
+    values, vectors = np.linalg.eigh(scaled)
+    return tuple(
+        Unobserved(float(value) ** 0.5 * vector * OBSERVED_STD)
+        for value, vector in zip(values[::-1], vectors.T[::-1], strict=True)
+        if value > 1.0
+    )
