@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, overload
 
+from trajeval_ros.blas import one_thread
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.provenance import described
 from trajeval_ros.files.span import Instant, cut_all, span_of
@@ -87,6 +88,7 @@ def evaluate(
     return _evaluate(ground_truth, dict(estimate), settings, start, end)
 
 
+@one_thread()
 def _evaluate(
     truth: Trajectory,
     estimates: Mapping[str, Trajectory],

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.blas import one_thread
 from trajeval_ros.ground_truth.trajectory import Posterior
 from trajeval_ros.library.settings import parameters_of
 from trajeval_ros.library.trajectory import Trajectory, nanoseconds_of
@@ -31,6 +32,7 @@ class GroundTruth:
         self._reference = reference
 
     @classmethod
+    @one_thread()
     def fit(cls, trajectory: Trajectory, **settings: object) -> GroundTruth:
         """Screen the samples, learn the process and condition it on them.
 
@@ -44,6 +46,7 @@ class GroundTruth:
             raise ValueError(f"{trajectory.name}: too few usable samples to learn a process from")
         return cls(reference)
 
+    @one_thread()
     def at(self, stamps: npt.ArrayLike) -> Posterior:
         """Return poses and covariances at ``stamps`` (q,): int64 ns or float s, in any order.
 
