@@ -7,11 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from chromium import chromium, opened
 
 import trajeval_ros as te
 from trajeval_ros.commands.simulation import simulate
+from trajeval_ros.online.engine import Engine
+from trajeval_ros.online.parameters import complete
+from trajeval_ros.report import Report
+from trajeval_ros.report.page import page_of_several
 
 AXE = "TRAJEVAL_AXE"
 """Names the file axe.min.js of axe-core (npm pack axe-core), which is under another licence."""
@@ -64,6 +69,34 @@ def test_every_figure_is_drawn(browser: Any, pages: dict[str, str], which: str) 
         assert "could not be drawn" not in tab.inner_text("main")
         lines = tab.evaluate("board.figures.map((f) => f.drawn ? f.drawn.length : 1)")
         assert all(lines)
+
+
+def still() -> te.Result:
+    """A body that stands, and an estimate without any error."""
+    poses = np.tile(np.eye(4), (400, 1, 1))
+    stamps = np.arange(400) * 0.05
+    return te.evaluate(te.Trajectory(stamps, poses), te.Trajectory(stamps, poses))
+
+
+def test_a_run_without_motion_or_error_is_drawn(browser: Any, tmp_path: Path) -> None:
+    page = still().report(tmp_path / "page.html").read_text(encoding="utf-8")
+    with opened(browser, page) as tab:
+        assert tab.evaluate("document.documentElement.className") == "drawn"
+        tab.evaluate("board.setCursor(7); board.zoom(0.5)")
+        tab.evaluate("dispatchEvent(new Event('beforeprint'))")
+        drawn = tab.evaluate("[...document.querySelectorAll('.printed')].map((e) => e.innerHTML)")
+        assert all("<svg" in each for each in drawn)
+        assert "NaN" not in "".join(drawn)
+
+
+def test_of_two_one_may_have_no_pose(browser: Any) -> None:
+    dead = Report(complete({}), {}).run(Engine({}).summary())
+    alive = still()
+    page = page_of_several({"dead": dead, "alive": alive._record.run(alive.summary)}, ["x"], print)
+    with opened(browser, page) as tab:
+        assert tab.evaluate("document.documentElement.className") == "drawn"
+        assert "No estimate has been evaluated." in tab.inner_text("main")
+        assert tab.get_by_role("checkbox").count() == 1
 
 
 def test_hover_brush_and_moments_are_linked(browser: Any, pages: dict[str, str]) -> None:

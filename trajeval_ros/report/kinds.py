@@ -13,6 +13,7 @@ from trajeval_ros.report.answers import WHITE
 from trajeval_ros.report.glossary import CAPTIONS
 from trajeval_ros.report.shown import Shown
 
+_NOTHING = "How errors grow with the length is told of whole runs, from files, that are off at all."
 _PARTS = (("translation", "m"), ("rotation", "°"))
 _OVER = (
     ("time", "length of the sub-trajectory, s"),
@@ -36,7 +37,7 @@ def section(estimates: Sequence[Shown]) -> str:
         parts.append(f"{key}<div class=drawings>{grown}</div>{_caption('growth')}")
     if white:
         parts.append(f"<div class=drawings>{white}</div>{_caption('whiteness')}")
-    return "".join(parts) or "<p>Only a whole run, of a file, tells how errors grow.</p>"
+    return "".join(parts) or f"<p>{_NOTHING}</p>"
 
 
 def _colour(number: int) -> str:

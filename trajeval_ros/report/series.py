@@ -73,7 +73,7 @@ class Series:
     @property
     def known(self) -> npt.NDArray[np.bool_]:
         """Where the ground truth is known about as well as usual: not in its gaps, (B,)."""
-        return np.asarray(self.translation_band < _USUAL * np.median(self.translation_band))
+        return np.asarray(self.translation_band <= _USUAL * np.median(self.translation_band))
 
     @property
     def breaks(self) -> npt.NDArray[np.intp]:
