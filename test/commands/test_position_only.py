@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import trajeval_ros as te
@@ -67,8 +68,42 @@ def test_the_positions_are_evaluated_and_orientations_are_left_out(
     assert summary["conventional"]["ate_translation_rmse"] == pytest.approx(known, rel=1e-3)
     assert summary["conventional"]["ate_rotation_rmse"] is None
     assert summary["conventional"]["re_rotation_rmse"] is None
-    assert summary["relative"]["log_likelihood"] is None
+    for kind in (summary, summary["window"]):
+        assert kind["relative"]["log_likelihood"] == pytest.approx(
+            kind["absolute"]["log_likelihood_first_order"], rel=1e-9
+        )
+    assert summary["relative"]["rotation_rmse"] is None
     assert "error_model" not in summary
+
+
+def test_the_antenna_is_found_where_it_is(
+    run: tuple[Path, Path], tmp_path: Path, capsys: Any
+) -> None:
+    read = te.read_tum(run[0])
+    arm = np.array([0.4, -0.1, 0.8])
+    antenna = read.poses[:, :3, 3] + read.poses[:, :3, :3] @ arm
+    rows = np.column_stack([read.stamps * 1e-9, antenna])
+    np.savetxt(tmp_path / "antenna.txt", rows, fmt="%.9f")
+    files = ("tum", str(tmp_path / "antenna.txt"), str(run[1]))
+    assert evaluate.main([*files, "--output", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    found, std = (np.array(summary["lever_arm"][key]) for key in ("value", "std"))
+    # The estimate drifts, and the standard deviation knows.
+    assert (np.abs(found - arm) < 4.0 * std).all()
+    assert std.max() < 0.05
+    without = summary["headline"]["without"]
+    assert without["of"] == ["lever arm"]
+    assert without["ate_translation_rmse"] < 0.3 * summary["conventional"]["ate_translation_rmse"]
+    assert "Not its fault lever arm " in out
+    (cause,) = (each for each in summary["likely_causes"] if each["code"] == "lever_arm")
+    advice = cause["advice"].removeprefix("set ")
+    assert evaluate.main([*files, "--output", str(tmp_path / "right"), "--set", advice]) == 0
+    right = json.loads((tmp_path / "right" / "summary.json").read_text())
+    assert right["conventional"]["ate_translation_rmse"] == pytest.approx(
+        without["ate_translation_rmse"], rel=1e-3
+    )
+    assert all(each["code"] != "lever_arm" for each in right["likely_causes"])
 
 
 def test_the_same_in_python(run: tuple[Path, Path], known: float, tmp_path: Path) -> None:

@@ -91,6 +91,35 @@ def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
+def lever_arm_is_beyond_doubt(arm: Mapping[str, Any]) -> bool:
+    """Whether the lever arm that positions alone tell differs from nothing, as `beyond_doubt`."""
+    values, stds = _of(arm)
+    return any(abs(value) > _APART * std for value, std in zip(values, stds, strict=True))
+
+
+def lever_arm_causes(arm: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
+    """Return what positions alone say of where their point is on the estimate's body.
+
+    applied: the extrinsic (4, 4), set already; the advice is the value to set.
+    """
+    size = float(np.linalg.norm(arm["value"]))
+    if not lever_arm_is_beyond_doubt(arm) or size < _NEAREST:
+        return ()
+    shift = np.eye(4)
+    shift[:3, 3] = -np.array(arm["value"])
+    numbers = np.concatenate(se3.to_position_quaternion(shift @ applied))
+    std = float(np.max(arm["std"]))
+    digits = min(max(1 - math.floor(math.log10(std)), 0), 4)
+    return (
+        Cause(
+            "lever_arm",
+            f"the ground truth is of a point {size:.{digits}f} ± {std:.{digits}f} m from the"
+            " estimate's body, which its turns show",
+            f"set extrinsic={','.join(f'{number:.5g}' for number in numbers)}",
+        ),
+    )
+
+
 def _of(vector: Mapping[str, Any]) -> tuple[Sequence[float], Sequence[float]]:
     return vector["value"], vector["std"]
 

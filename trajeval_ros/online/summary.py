@@ -74,7 +74,7 @@ def _hyperparameters(hyperparameters: Hyperparameters) -> Figures:
     }
 
 
-def _likelihood(likelihood: GaussianLogLikelihood | None, poses: int) -> Figures:
+def likelihood_figures(likelihood: GaussianLogLikelihood | None, poses: int) -> Figures:
     """A log-likelihood, its parts, and what they mean."""
     if likelihood is None or likelihood.dof <= 0:
         return dict.fromkeys(
@@ -112,7 +112,7 @@ def _observability(observability: Observability) -> Figures:
 def _relative(evaluation: Evaluation) -> Figures:
     translation, rotation = evaluation.step_mean_squares.roots()
     return {
-        **_likelihood(evaluation.relative, evaluation.count),
+        **likelihood_figures(evaluation.relative, evaluation.count),
         "translation_rmse": translation,
         "rotation_rmse": rotation,
     }
@@ -120,21 +120,25 @@ def _relative(evaluation: Evaluation) -> Figures:
 
 def _absolute(evaluation: Evaluation) -> Figures:
     alignment = evaluation.alignment
-    result = _likelihood(evaluation.absolute, evaluation.count)
+    result = likelihood_figures(evaluation.absolute, evaluation.count)
     first_order = evaluation.first_order
     result["log_likelihood_first_order"] = (
         first_order.log_likelihood if first_order.dof > 0 else None
     )
     result["consistency"] = evaluation.consistency
     result["observability"] = _observability(evaluation.observability)
-    result["alignment"] = _alignment(alignment, evaluation.alignment_covariance, evaluation.gauge)
+    result["alignment"] = alignment_figures(
+        alignment, evaluation.alignment_covariance, evaluation.gauge
+    )
     translation, rotation = (
         (None, None) if alignment is None else evaluation.residuals.roots(alignment)
     )
     return {**result, "translation_rmse": translation, "rotation_rmse": rotation}
 
 
-def _alignment(alignment: Similarity | None, covariance: Array | None, gauge: Gauge) -> Figures:
+def alignment_figures(
+    alignment: Similarity | None, covariance: Array | None, gauge: Gauge
+) -> Figures:
     """The estimate's world in the ground truth's: ``[x, y, z, qx, qy, qz, qw]`` and scale."""
     if alignment is None:
         return {"pose": None, "scale": None, "covariance": None}
@@ -158,8 +162,8 @@ def window_figures(window: Window, gauge: Gauge) -> Figures:
         return {
             "poses": count,
             "duration": None,
-            "relative": {**_likelihood(None, count), "p_value": None},
-            "absolute": {**_likelihood(None, count), **dict.fromkeys(missing)},
+            "relative": {**likelihood_figures(None, count), "p_value": None},
+            "absolute": {**likelihood_figures(None, count), **dict.fromkeys(missing)},
         }
     covariance = poses.joint_covariance
     data = (poses.ground_truth, covariance, poses.estimate)
@@ -169,11 +173,11 @@ def window_figures(window: Window, gauge: Gauge) -> Figures:
         "poses": count,
         "duration": float((poses.stamps[-1] - poses.stamps[0]) * 1e-9),
         "relative": {
-            **_likelihood(step, count),
+            **likelihood_figures(step, count),
             "p_value": figures(step, count).p_value,
         },
         "absolute": {
-            **_likelihood(best.likelihood, count),
+            **likelihood_figures(best.likelihood, count),
             "p_value": figures(best.likelihood, count).p_value if best.likelihood else None,
             "log_likelihood_first_order": absolute_first_order(*data).log_likelihood,
             "log_likelihood_nonlinear": _value(best.likelihood),

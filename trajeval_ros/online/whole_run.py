@@ -53,6 +53,16 @@ class Poses:
     sampled: npt.NDArray[np.bool_]
     cross: tuple[Array, ...] = ()
 
+    def where(self, mask: npt.NDArray[np.bool_]) -> Poses:
+        """Some of them, as independent ones."""
+        return Poses(
+            self.stamps[mask],
+            self.ground_truth[mask],
+            self.covariance[mask],
+            self.estimate[mask],
+            self.sampled[mask],
+        )
+
 
 def whole_run(summary: Figures, poses: Poses, settings: EvaluationSettings) -> Figures:
     """Return the summary of a run with the figures that need all of its poses.

@@ -76,12 +76,14 @@ def answer(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
 
     A text has a line break where one may be.
     """
-    if is_misread(cause["code"] for cause in summary.get("likely_causes", ())):
+    codes = (cause["code"] for cause in summary.get("likely_causes", ()))
+    if is_misread(codes) and not summary.get("position_only"):
         text = "not told: the poses are not what they were read as, see the likely cause"
         return [*_how_good(summary, parameters), ("Kind of error", text)]
     return [
         *_how_good(summary, parameters),
         *sentences(summary.get("error_model"), _start(summary), _headline(summary).get("without")),
+        *_lever_arm(summary),
         *_where(summary, parameters),
     ]
 
@@ -216,6 +218,14 @@ def _faults(model: Figures, without: Figures | None) -> str:
         return f"nothing beyond doubt ({', '.join(none)})" if none else "nothing that can be told"
     rest = f".\nNothing beyond doubt in {', '.join(none)}" if none else ""
     return f"{', '.join(found)}: {gain:.3g} nats a pose{_better(without)}{rest}"
+
+
+def _lever_arm(summary: Figures) -> list[tuple[str, str]]:
+    """Where a ground truth without orientation is on the body, if it is known to be elsewhere."""
+    arm, without = summary.get("lever_arm"), _headline(summary).get("without")
+    if arm is None or without is None:
+        return []
+    return [("Not its fault", f"lever arm {_length(_sized(arm))}{_better(without)}")]
 
 
 def _sized(vector: Figures) -> dict[str, float]:

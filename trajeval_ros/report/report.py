@@ -35,7 +35,8 @@ class Report:
     ``{"ground truth": "/ground_truth", "estimate": "/odom"}``. ``notices`` and ``way``, to be set,
     are the engine's at the time of the report; ``model`` is the error model, once there is one;
     ``growth``: of a whole run, how errors grow over "time" and "distance"; ``anew``: stamps (ns) at
-    which the ground truth's process changed.
+    which the ground truth's process changed; ``lacks_orientation``: one of the two was read
+    without.
 
     No defect of it is raised: :attr:`defects` has a line for each kind.
     """
@@ -54,6 +55,7 @@ class Report:
         self.notices: tuple[Notice, ...] = ()
         self.way: Way | None = None
         self.of_rows: tuple[Cause, ...] = ()
+        self.lacks_orientation = False
         self.model: Mapping[str, Any] | None = None
         self.growth: Mapping[str, tuple[Box, ...]] = {}
         self.anew: tuple[int, ...] = ()
@@ -87,6 +89,9 @@ class Report:
             # Of poses that do not belong together nothing else can be said.
             return self.of_rows
         of_poses = shield("the search for likely causes", self._causes, none, self.say)
+        if self.lacks_orientation:
+            # Who wrote none knows that it never changes.
+            of_poses = tuple(cause for cause in of_poses if cause.code != "constant_orientation")
         return self.of_rows + of_poses
 
     def _causes(self) -> tuple[Cause, ...]:

@@ -20,7 +20,7 @@ from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.errors import Errors, errors_of, steps
 from trajeval_ros.comparison.interval import interval_of
 from trajeval_ros.conventional.running import RunningConventional
-from trajeval_ros.diagnosis.fitted import beyond_doubt
+from trajeval_ros.diagnosis.fitted import beyond_doubt, lever_arm_is_beyond_doubt
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
@@ -64,12 +64,15 @@ def with_headline(
     worst = _worst(errors, truth.stamps, stds[0], start)
     if worst is not None and conventional.get("ate_rotation_rmse") is None:
         worst["rotation"] = None
-    model = summary.get("error_model")
+    model, arm = summary.get("error_model"), summary.get("lever_arm")
+    without = None
+    if model is not None:
+        without = _without(model, conventional, evaluated, truth.at, settings)
+    elif arm is not None and lever_arm_is_beyond_doubt(arm):
+        without = _without_lever_arm(arm, evaluated, settings)
     headline = {
         "intervals": _intervals(errors, conventional),
-        "without": None
-        if model is None
-        else _without(model, conventional, evaluated, truth.at, settings),
+        "without": without,
         "worst": worst,
         "ground_truth": {
             "translation_std": float(np.median(stds[0])),
@@ -130,16 +133,34 @@ def _without(
     stamps = right.stamps(evaluated.stamps)
     truth = ask(stamps)
     estimate = right.corrected(evaluated.estimate)
-    running = RunningConventional(
-        settings.gauge.name, settings.relative_delta, settings.relative_unit
-    )
     valid = truth.valid
     if valid.mean() < _MOST_OF_THEM:
         return None
-    running.update(stamps[valid], truth.poses[valid], estimate[valid])
+    found = _conventional(stamps[valid], truth.poses[valid], estimate[valid], settings)
+    return {"of": list(names), **found}
+
+
+def _without_lever_arm(
+    arm: Mapping[str, Any], evaluated: Evaluated, settings: EvaluationSettings
+) -> Figures:
+    """The conventional figures of positions once the lever arm is put right."""
+    to_antenna = np.eye(4)
+    to_antenna[:3, 3] = arm["value"]
+    found = _conventional(
+        evaluated.stamps, evaluated.ground_truth, evaluated.estimate @ to_antenna, settings
+    )
+    nothing = {f"{name}_rmse": None for name in RMSES[1:]}
+    return {"of": ["lever arm"], **found, **nothing}
+
+
+def _conventional(
+    stamps: npt.NDArray[np.int64], truth: Array, estimate: Array, settings: EvaluationSettings
+) -> Figures:
+    gauge, delta, unit = settings.gauge.name, settings.relative_delta, settings.relative_unit
+    running = RunningConventional(gauge, delta, unit)
+    running.update(stamps, truth, estimate)
     figures = running.figures()
     return {
-        "of": list(names),
         "poses": figures.poses,
         **{f"{name}_rmse": getattr(figures, f"{name}_rmse") for name in RMSES},
     }

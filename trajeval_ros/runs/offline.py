@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import se3
 from trajeval_ros.comparison.compare import Evaluated
 from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.fitted import lever_arm_causes
 from trajeval_ros.diagnosis.lost import lost
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.files.provenance import described
@@ -37,6 +39,7 @@ from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
     is_position_only,
     notices_on_positions,
+    with_positions,
     without_orientation,
 )
 from trajeval_ros.wall import shield
@@ -191,8 +194,20 @@ def completed(
     if len(kept.stamps):
         summary = kept.complete(summary, engine.settings.evaluation)
     position_only = is_position_only(truth, estimate)
+    report.lacks_orientation = not (truth.has_orientation and estimate.has_orientation)
     if position_only:
-        summary = without_orientation(summary)
+        bare = summary = without_orientation(summary)
+        if len(kept.stamps):
+            summary = shield(
+                "the likelihood of positions",
+                lambda: with_positions(bare, kept.poses, engine.settings.evaluation),
+                bare,
+                report.say,
+            )
+            if summary.get("lever_arm") is not None:
+                own = engine.settings.estimates[name]
+                arm = lever_arm_causes(summary["lever_arm"], se3.inverse(own.from_body))
+                report.of_rows = (*report.of_rows, *arm)
         report.notices = notices_on_positions(report.notices)
     if len(kept.stamps) and not position_only:
         none: dict[str, tuple[Box, ...]] = {}
@@ -321,18 +336,20 @@ class WholeRun:
         )
         return Evaluated(name, stamps[sampled] + offset, truth[sampled], estimate[sampled])
 
-    def complete(self, summary: Figures, settings: EvaluationSettings) -> Figures:
-        """Return the summary with the figures that need all poses."""
-        return whole_run(summary, self._all(), settings)
-
-    def grown(self, settings: EvaluationSettings) -> dict[str, tuple[Box, ...]]:
-        """Return how errors grow with the length of the sub-trajectory."""
-        return grown(self._all(), settings)
-
-    def _all(self) -> Poses:
+    @property
+    def poses(self) -> Poses:
+        """All of them."""
         names = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
         columns = {name: self._column(name) for name in names}
         return Poses(**columns, cross=tuple(self._cross))
+
+    def complete(self, summary: Figures, settings: EvaluationSettings) -> Figures:
+        """Return the summary with the figures that need all poses."""
+        return whole_run(summary, self.poses, settings)
+
+    def grown(self, settings: EvaluationSettings) -> dict[str, tuple[Box, ...]]:
+        """Return how errors grow with the length of the sub-trajectory."""
+        return grown(self.poses, settings)
 
     def _column(self, name: str) -> npt.NDArray[Any]:
         return np.concatenate([getattr(poses, name) for poses in self._poses])

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trajectories of positions without orientations, as GNSS and total stations give them.
 
-They are fed with a constant orientation. The positions after alignment are right; what contains an
-orientation is of the constant one, and is left out.
+They are fed with a constant orientation: the process of the positions is the same with any. What
+contains an orientation is of the constant one, and is left out; in its place come the likelihoods
+of positions, with the lever arm of the antenna as a nuisance.
 """
 
 from __future__ import annotations
@@ -18,7 +19,11 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.likelihood.positions import PositionError, position_error
 from trajeval_ros.online.results import Notice
+from trajeval_ros.online.settings import EvaluationSettings
+from trajeval_ros.online.summary import alignment_figures, likelihood_figures
+from trajeval_ros.online.whole_run import Poses
 
 Figures = dict[str, Any]
 
@@ -78,6 +83,64 @@ def without_orientation(summary: Figures) -> Figures:
         result["drift"] = {**nothing, "path_length": path, "sub_trajectories": []}
     result["position_only"] = True
     return result
+
+
+def with_positions(summary: Figures, poses: Poses, settings: EvaluationSettings) -> Figures:
+    """The summary `without_orientation` with what the positions of evaluated poses tell.
+
+    Of the run and of its last `window`; ``lever_arm``: where the ground truth's point is in the
+    estimate's body.
+    """
+    result = {**summary, "lever_arm": None}
+    if len(poses.stamps) < 2:
+        return result
+    found = _error(poses, settings)
+    count = len(poses.stamps)
+    result["relative"] = {**summary["relative"], **_relative(found, count)}
+    result["absolute"] = {**summary["absolute"], **_absolute(found, count, settings)}
+    result["absolute"]["alignment"] = alignment_figures(found.alignment, None, settings.gauge)
+    arm, std = found.lever_arm, found.lever_arm_std
+    result["lever_arm"] = {"value": arm.tolist(), "std": std.tolist()}
+    newest = poses.stamps >= poses.stamps[-1] - settings.window
+    if summary.get("window") and newest.sum() > 1:
+        some = _error(poses.where(newest), settings)
+        window = dict(summary["window"])
+        window["relative"] = {**(window["relative"] or {}), **_relative(some, int(newest.sum()))}
+        window["absolute"] = {
+            **(window["absolute"] or {}),
+            **_absolute(some, int(newest.sum()), settings),
+        }
+        result["window"] = window
+    return result
+
+
+def _error(poses: Poses, settings: EvaluationSettings) -> PositionError:
+    turn = poses.ground_truth[:, :3, :3]
+    world = turn @ poses.covariance[:, :3, :3] @ np.swapaxes(turn, 1, 2)
+    return position_error(poses.ground_truth[:, :3, 3], world, poses.estimate, settings.gauge)
+
+
+def _relative(found: PositionError, poses: int) -> Figures:
+    return {
+        **likelihood_figures(found.relative, poses),
+        "translation_rmse": _rms(found.step_residual),
+    }
+
+
+def _absolute(found: PositionError, poses: int, settings: EvaluationSettings) -> Figures:
+    """Under a gauge with the world's translation, RE is AE to first order."""
+    figures = likelihood_figures(found.absolute, poses)
+    first_order = found.relative if 0 in settings.gauge.free else None
+    return {
+        **figures,
+        "translation_rmse": _rms(found.residual),
+        "log_likelihood_nonlinear": figures["log_likelihood"],
+        "log_likelihood_first_order": None if first_order is None else first_order.log_likelihood,
+    }
+
+
+def _rms(residual: npt.NDArray[np.float64]) -> float:
+    return float(np.sqrt((residual**2).sum(axis=1).mean()))
 
 
 def comparisons_on_positions(
