@@ -36,6 +36,21 @@ class Comparison:
         re_rotation: rad.
         since: stamp, ns on the ground truth's clock, before which poses of one have been forgotten
             and those of the other left out; None where none have.
+
+    >>> import numpy as np
+    >>> import trajeval_ros as te
+    >>> time = np.arange(0.0, 20.0, 0.1)
+    >>> poses = np.tile(np.eye(4), (len(time), 1, 1))
+    >>> poses[:, :3, 3] = np.stack([np.cos(time), np.sin(2 * time), np.sin(time)], axis=1)
+    >>> truth = te.Trajectory(time, poses)
+    >>> rough = poses.copy()
+    >>> rough[:, :3, 3] += 0.05 * np.random.default_rng(1).normal(size=(len(time), 3))
+    >>> results = te.evaluate(truth, {"truth": truth, "rough": te.Trajectory(time, rough)})
+    >>> (found,) = results.comparison
+    >>> found.a, found.b, found.coverage.common.poses
+    ('truth', 'rough', 200)
+    >>> found.re_translation.unit, found.re_translation.ratio < 0.1
+    ('m', True)
     """
 
     a: str

@@ -20,6 +20,13 @@ class TrajectoryFileError(Exception):
         source: the file, as the user named it.
         reason: what is wrong with it.
         row: the line in the file, from 1; for a bag, the message in its topic.
+
+    >>> import trajeval_ros as te
+    >>> try:
+    ...     te.read_tum("not_there.txt")
+    ... except te.TrajectoryFileError as error:
+    ...     print(error.source, "-", error.reason)
+    not_there.txt - it cannot be read: no such file or directory
     """
 
     def __init__(self, source: str, reason: str, row: int | None = None) -> None:
