@@ -18,6 +18,7 @@ NAMES = {
     "likelihoods": "windowed RE beside bare LAPACK; the cost and memory of a million poses",
     "commands": "the command evaluate as a process, beside evo_ape and evo_rpe",
     "estimates": "what a second estimate costs beside the first, and ten",
+    "benchmark": "200 runs beside evo's commands, a worker's memory, the scheduler's overhead",
     "node": "the node's cost a message beside a bare subscriber's; its delay",
 }
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from performance import __main__ as entry
-from performance import calibration, clocks, commands, ground_truth, likelihoods, tables
+from performance import benchmark, calibration, clocks, commands, ground_truth, likelihoods, tables
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.ground_truth.segment import Samples
@@ -130,6 +130,12 @@ def test_commands_are_timed() -> None:
     assert (times >= 0.0).all()
     with pytest.raises(tables.SkippedError, match="false"):
         commands.seconds([["false"]])
+
+
+def test_a_worker_s_memory_does_not_grow_by_the_run() -> None:
+    found = list(benchmark.memory_targets(80))
+    # A run's poses and answers are a hundred times as much.
+    assert float(found[0].measured) < 20.0
 
 
 def test_a_ratio_is_a_median() -> None:

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -251,7 +252,7 @@ def test_a_run_that_kills_its_workers_costs_itself_alone(
     import dask
 
     manifest, rows = done
-    monkeypatch.setattr(cluster, "outcomes_of", deadly)
+    monkeypatch.setattr(cluster, "evaluate", partial(cluster.evaluate, work=deadly))
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         cluster.cluster(workers=1) as own,

@@ -7,12 +7,14 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from trajeval_ros.benchmarking import interrupts
 from trajeval_ros.benchmarking.plan import Task
 from trajeval_ros.benchmarking.work import LOST, Outcome, failed, outcomes_of
+
+Work = Callable[[Task], list[Outcome]]
 
 PATIENCE = 10.0
 """How long a scheduler may take to answer, s."""
@@ -65,8 +67,10 @@ def workers_of(client: Any) -> int:
     return max(sum(client.nthreads().values()), 1)
 
 
-def evaluate(client: Any, tasks: Iterable[Task]) -> Iterator[list[Outcome]]:
-    """Yield the outcomes of each task as it is done.
+def evaluate(
+    client: Any, tasks: Iterable[Task], work: Work = outcomes_of
+) -> Iterator[list[Outcome]]:
+    """Yield the outcomes of each task as it is done. ``work``: what the workers do with one.
 
     Dask gives the tasks of a worker that dies to another, and gives up those at which several died.
     Which of them killed the workers cannot be told, as others were there: so each run of theirs is
@@ -77,7 +81,7 @@ def evaluate(client: Any, tasks: Iterable[Task]) -> Iterator[list[Outcome]]:
     """
     from distributed import as_completed
 
-    waiting = {_submit(client, task): task for task in tasks}
+    waiting = {_submit(client, work, task): task for task in tasks}
     suspects: list[Task] = []
     for future in as_completed(list(waiting)):
         task = waiting.pop(future)
@@ -87,7 +91,7 @@ def evaluate(client: Any, tasks: Iterable[Task]) -> Iterator[list[Outcome]]:
         else:
             suspects += [dataclasses.replace(task, runs=(one,)) for one in task.runs]
     for task in suspects:
-        outcomes = _result(_submit(client, task))
+        outcomes = _result(_submit(client, work, task))
         if isinstance(outcomes, list):
             yield outcomes
         else:
@@ -117,6 +121,6 @@ def _said(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def _submit(client: Any, task: Task) -> Any:
+def _submit(client: Any, work: Work, task: Task) -> Any:
     # Not pure: by what Dask makes of the arguments two tasks would be one.
-    return client.submit(outcomes_of, task, pure=False)
+    return client.submit(work, task, pure=False)

@@ -157,7 +157,8 @@ def _result(
     source: dict[str, Any],
     whole: bool,
 ) -> Result:
-    summary = completed(engine, name, truth.data, estimate.data, record, source, kept, whole=whole)
+    inputs = source, described(estimate.data.source)
+    summary = completed(engine, name, truth.data, estimate.data, record, inputs, kept, whole=whole)
     why = why_none(estimate.name, len(estimate), summary)
     if why is not None:
         raise ValueError(why)

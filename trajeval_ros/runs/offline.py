@@ -91,11 +91,13 @@ def score(
     truth: Trajectory,
     scorings: Mapping[str, Scoring],
     progress: Callable[[int], None] = lambda done: None,
+    describe: Callable[[str], Figures] = described,
 ) -> dict[str, Scored]:
     """Feed an engine in the order of time; return what became of each estimate, by its name.
 
     ``parameters``: every one's value, for the names of ``scorings``; ``progress`` is told how many
-    poses have been evaluated.
+    poses have been evaluated; ``describe``: what a summary has of a source, which is to read it all
+    once more for its hash.
     """
     whole = len(truth) <= _MOST_SAMPLES and parameters["likelihood.covariance"] != "joint"
     engine = Engine(parameters, tuple(scorings), whole=whole)
@@ -115,9 +117,9 @@ def score(
                 scoring.observe(results, partial(engine.summary, name))
             done += len(results.evaluations)
         progress(done)
-    source = described(truth.source)
+    source = describe(truth.source)
     return {
-        name: _scored(engine, name, truth, source, scoring, kept[name], whole)
+        name: _scored(engine, name, truth, source, scoring, kept[name], whole, describe)
         for name, scoring in scorings.items()
     }
 
@@ -140,9 +142,11 @@ def _scored(
     scoring: Scoring,
     kept: WholeRun,
     whole: bool,
+    describe: Callable[[str], Figures],
 ) -> Scored:
     report, estimate = scoring.report, scoring.estimate
-    summary = completed(engine, name, truth, estimate, report, source, kept, whole=whole)
+    inputs = source, describe(estimate.source)
+    summary = completed(engine, name, truth, estimate, report, inputs, kept, whole=whole)
     none: tuple[str, ...] = ()
     places = shield(
         "the list of rejected rows",
@@ -160,15 +164,15 @@ def completed(
     truth: Trajectory,
     estimate: Trajectory,
     report: Report,
-    source: Figures,
+    inputs: tuple[Figures, Figures],
     kept: WholeRun,
     *,
     whole: bool,
 ) -> Figures:
     """Return the summary of a run that has been fed; tell the report what its page needs.
 
-    ``source``: what the ground truth is of; ``kept``: every evaluated pose; ``whole``: the engine
-    has all of the ground truth still.
+    ``inputs``: what the ground truth and the estimate are of; ``kept``: every evaluated pose;
+    ``whole``: the engine has all of the ground truth still.
     """
     offset = engine.settings.estimates[name].time_offset
     report.notices, report.way = engine.notices(name), engine.way()
@@ -177,7 +181,7 @@ def completed(
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
     report.of_rows = causes_of_rows(truth, estimate, offset)
     summary: Figures = {
-        **origin(report.parameters, source, described(estimate.source)),
+        **origin(report.parameters, *inputs),
         **engine.summary(name),
     }
     count_left_out(summary["estimate"], estimate)
