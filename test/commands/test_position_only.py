@@ -89,8 +89,8 @@ def test_the_antenna_is_found_where_it_is(
     out = capsys.readouterr().out
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     found, std = (np.array(summary["lever_arm"][key]) for key in ("value", "std"))
-    # The estimate drifts, and the standard deviation knows.
-    assert (np.abs(found - arm) < 4.0 * std).all()
+    # The estimate drifts, and 20 s do not tell how far.
+    assert np.abs(found - arm).max() < 0.05
     assert std.max() < 0.05
     without = summary["headline"]["without"]
     assert without["of"] == ["lever arm"]

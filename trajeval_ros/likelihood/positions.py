@@ -42,7 +42,7 @@ _MAX_ITERATIONS = 50
 _GAIN, _GAIN_SHARE = 1e-9, 1e-14
 # What is known no better than this, rad or 1, is not determined.
 _UNDETERMINED = 0.3
-_STRETCHES = 40
+_STRETCHES = (40, 20)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,8 @@ class PositionError:
     """The errors of a set of positions, under the alignment and lever arm that are likeliest.
 
     The covariance is the larger of that of the ground truth's noise alone and that which the
-    scatter of the scores over forty stretches shows (White): an estimate has errors of its own.
+    scatter of the scores over forty and over twenty stretches shows (White): an estimate has errors
+    of its own. Of one that drifts through the whole run it is too small all the same.
 
     absolute, relative: their likelihoods; None where the motion does not determine the alignment:
     the integral over it would be of what Laplace's approximation does not hold for.
@@ -253,14 +254,16 @@ def _covariance(problem: _Problem, state: _State, information: Information) -> A
     plain = information.covariance()
     white = problem.whitened(problem.columns(state))
     scores = white[:, :-1] * white[:, -1:]
-    stretches = min(_STRETCHES, len(problem.positions) // 3)
-    if stretches <= dimension:
-        return plain
-    edges = 3 * np.linspace(0, len(problem.positions), stretches + 1).astype(int)[:-1]
-    sums = np.add.reduceat(scores, edges, axis=0)
-    moved = sums @ plain * np.sqrt(stretches / (stretches - dimension))
-    scattered = moved.T @ moved
-    larger = np.maximum(np.diagonal(scattered) / np.diagonal(plain), 1.0) ** 0.5
+    larger = np.ones(dimension)
+    for wanted in _STRETCHES:
+        stretches = min(wanted, len(problem.positions) // 3)
+        if stretches <= dimension:
+            break
+        edges = 3 * np.linspace(0, len(problem.positions), stretches + 1).astype(int)[:-1]
+        moved = np.add.reduceat(scores, edges, axis=0) @ plain
+        variance = (moved**2).sum(axis=0) * stretches / (stretches - dimension)
+        larger = np.maximum(larger, variance / np.diagonal(plain))
+    larger = np.sqrt(larger)
     return np.asarray(plain * np.outer(larger, larger))
 
 
