@@ -138,7 +138,8 @@ def test_in_simulation_the_covariances_hold(gauge: str) -> None:
         scores.append((found.lever_arm - ARM) / found.lever_arm_std)
     assert 0.98 <= np.mean(ratios) <= 1.02
     assert np.abs(scores).max() < 5.0
-    assert 0.85 <= np.std(scores) <= 1.15
+    # The larger of three estimates of the variance is too large by some chance.
+    assert 0.75 <= np.std(scores) <= 1.15
 
 
 def test_coordinates_of_a_country_lose_no_digit() -> None:
