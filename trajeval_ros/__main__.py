@@ -13,6 +13,7 @@ COMMANDS = {
     "simulate": "commands.simulate",
     "demo": "commands.demo",
     "benchmark": "commands.benchmark",
+    "watch": "commands.watch",
     "evaluator": "node.main",
 }
 

@@ -121,7 +121,7 @@ class Listener:
         self._estimates = {"": _Estimate(self._node, self._prefix, "")}
         self._publishers: frozenset[tuple[int, ...]] = frozenset()
         self._run = watched.run
-        self._heard: float | None = None
+        self._heard = 0.0
         self._next_discovery = 0.0
 
     def listen(self) -> None:
@@ -161,7 +161,9 @@ class Listener:
             if self._publishers and not publishers & self._publishers:
                 # Another process under the same name.
                 self._watched.start_over()
-                self._heard = None
+            if publishers != self._publishers:
+                # From now on it is to be heard.
+                self._heard = now
             self._publishers = publishers
             self._follow()
         self._watched.connect(*self._standing(len(publishers), now))
@@ -171,10 +173,10 @@ class Listener:
             return "waiting", f"waiting for {self._name}{self._instead()}"
         if not publishers:
             return "gone", f"the publisher is gone: {self._name} has ended or died"
-        if self._heard is None:
-            return "waiting", f"{self._name} is there; nothing is evaluated yet"
         if now - self._heard > _SILENCE:
             return "silent", f"{self._name} has been silent for {now - self._heard:.0f} s"
+        if not self._watched.has_begun:
+            return "waiting", f"{self._name} is there; nothing is evaluated yet"
         if publishers > 1:
             return "live", f"{publishers} nodes are called {self._name}: their figures are mixed"
         return "live", "live"

@@ -17,6 +17,7 @@ import socket
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from aiohttp import web
 
@@ -144,7 +145,7 @@ class Server:
     @web.middleware
     async def _guard(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
         """Refuse what a page of another site had a browser ask for under a name of its own."""
-        if self._only_local and not is_local((request.url.host or "").strip("[]")):
+        if self._only_local and not is_local(_name_in(request.host)):
             raise web.HTTPMisdirectedRequest(text="this address is for this machine alone\n")
         return await handler(request)
 
@@ -210,6 +211,14 @@ class Server:
             if request.transport is not None:
                 request.transport.abort()
             raise
+
+
+def _name_in(host: str) -> str:
+    """The name in a header ``Host``, without the port; empty where there is none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
 
 
 def _sent(name: str, text: str) -> web.Response:

@@ -205,6 +205,11 @@ class Watched:
         }
 
     @property
+    def has_begun(self) -> bool:
+        """Whether anything of the run has been heard."""
+        return self._start is not None
+
+    @property
     def run(self) -> int:
         """The number of runs before this one."""
         return self._run
