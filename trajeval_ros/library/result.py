@@ -170,11 +170,7 @@ class Result:
         return written
 
     def _repr_html_(self) -> str:
-        page = html.escape(self._record.render(self.summary), quote=True)
-        return (
-            f'<iframe srcdoc="{page}" sandbox="allow-scripts" title="{html.escape(self.name)}"'
-            ' style="width:100%;height:900px;border:0"></iframe>'
-        )
+        return _framed(self._record.render(self.summary), self.name)
 
     def __repr__(self) -> str:
         figures = self.summary["conventional"]
@@ -241,18 +237,22 @@ class Results(dict[str, Result]):
 
         Raises :class:`OSError` where it cannot be written.
         """
-        records = {name: result._record for name, result in self.items()}
-        summaries = {name: result.summary for name, result in self.items()}
         written = Path(path)
-        written.write_text(render_several(records, summaries, self._said), encoding="utf-8")
+        written.write_text(self._page(), encoding="utf-8")
         return written
 
-    @property
-    def _said(self) -> tuple[str, ...]:
-        return (*self.sentences, *(cause.sentence for cause in self.causes), *self.defects)
+    def _page(self) -> str:
+        said = (*self.sentences, *(cause.sentence for cause in self.causes), *self.defects)
+        records = {name: result._record for name, result in self.items()}
+        return render_several(records, {name: one.summary for name, one in self.items()}, said)
 
     def _repr_html_(self) -> str:
-        said = "".join(f"<li>{html.escape(line)}</li>" for line in self._said)
-        return f"<ul>{said}</ul>" + "".join(
-            f"<h3>{html.escape(name)}</h3>{result._repr_html_()}" for name, result in self.items()
-        )
+        return _framed(self._page(), ", ".join(self))
+
+
+def _framed(page: str, title: str) -> str:
+    """A page within a notebook's."""
+    return (
+        f'<iframe srcdoc="{html.escape(page, quote=True)}" sandbox="allow-scripts"'
+        f' title="{html.escape(title)}" style="width:100%;height:900px;border:0"></iframe>'
+    )
