@@ -3,9 +3,10 @@
 """What of a run the error model is of."""
 
 import numpy as np
-from twins.runs import SECOND, START, motion
+from twins.runs import SECOND, START, motion, poses_of, simulated
 
 import trajeval_ros as te
+from trajeval_ros import se3
 
 
 def test_a_gap_of_the_ground_truth_is_no_jump_of_the_estimate() -> None:
@@ -27,3 +28,19 @@ def test_a_gap_of_the_ground_truth_is_no_jump_of_the_estimate() -> None:
     assert model["jumps"] == []
     jitter = model["translation"]["jitter_std"]
     assert abs(jitter["value"] - 4e-3) < 4.0 * jitter["std"]
+
+
+def test_poses_too_far_apart_to_ask_between() -> None:
+    """Keyframes at 5 Hz that drift: the window is fitted from what is near each."""
+    run = simulated(3, 40.0, rates=(50.0, 5.0))
+    given = poses_of(run.estimate)
+    twist = np.array([0.6, -0.3, 0.2, 0.0, 0.0, 0.1])
+    drifted = se3.exp(np.linspace(0.0, 1.0, len(given))[:, None] * twist) @ given
+    result = te.evaluate(
+        te.Trajectory(run.ground_truth.stamps, poses_of(run.ground_truth)),
+        te.Trajectory(run.estimate.stamps, drifted),
+    )
+    assert result.summary["error_model"]["poses"] == len(given)
+    window = result.summary["window"]["error_model"]
+    assert window["poses"] > 100
+    assert np.isfinite(window["log_likelihood"])

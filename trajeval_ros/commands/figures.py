@@ -110,8 +110,6 @@ def summary_lines(summary: Figures, parameters: Figures) -> list[str]:
 
 def _errors(summary: Figures, parameters: Figures) -> list[str]:
     """What is in metres and degrees, each by its own definition."""
-    from trajeval_ros.report.after_closure import after_closure
-
     conventional, gauge = summary["conventional"], summary["gauge"]
     window = (summary.get("window") or {}).get("absolute") or {}
     step = f"{parameters['relative.delta']:g} {parameters['relative.unit']}"
@@ -135,7 +133,6 @@ def _errors(summary: Figures, parameters: Figures) -> list[str]:
             ("drift over 100 to 800 m (KITTI)", translation, f"{degrees(kitti['rotation'])}/m")
         )
     lines = table(rows)
-    lines += [f"As a whole: {said}" for said in [after_closure(summary.get("latest_path"))] if said]
     if no_drift(drift):
         lines.append(f"No KITTI drift: {no_drift(drift)}")
     if gauge == "sim3":

@@ -70,6 +70,8 @@ def _fit(problem: _Problem) -> ErrorModel | None:
     best = max(candidates, key=lambda kind: _score(candidates[kind][1]))
     alternatives = {kind: here.at_theta / here.count for kind, (_, here) in candidates.items()}
     nuisances, guess = problem.improved(nuisances, best, candidates[best][0])
+    if not problem.enough(nuisances, near=False):
+        problem.stay_near()
     nuisances, here = problem.maximum(nuisances, guess)
     alternatives[best] = here.at_theta / here.count
     return described(problem.kept(nuisances), nuisances, here, alternatives)
@@ -92,6 +94,11 @@ class _Problem:
         self._stamps, self._estimate, self._ask = stamps, estimate, ask
         self._near = None if known is None else _recorded(stamps, known)
         self._exact: tuple[Stamps, Truth] | None = None
+        self._stays_near = False
+
+    def stay_near(self) -> None:
+        """Ask no more: live, nothing is known between poses that are far apart."""
+        self._stays_near = True
 
     def start(self) -> Nuisances:
         """The nuisances to begin with."""
@@ -101,7 +108,8 @@ class _Problem:
         """The ground truth at ``stamps`` (N,), on its own clock."""
         if self._exact is None or (stamps != self._exact[0]).any():
             self._exact = stamps, self._ask(stamps)
-            self._near = _recorded(*self._exact)
+            recorded = _recorded(*self._exact)
+            self._near = self._near if recorded is None else recorded
         return self._exact[1]
 
     def _nearby(self, stamps: Stamps) -> Truth:
@@ -115,7 +123,7 @@ class _Problem:
 
     def _truth(self, nuisances: Nuisances, near: bool) -> Truth:
         stamps = nuisances.stamps(self._stamps)
-        return self._nearby(stamps) if near else self._asked(stamps)
+        return self._nearby(stamps) if near or self._stays_near else self._asked(stamps)
 
     def enough(self, nuisances: Nuisances, near: bool = True) -> bool:
         """Whether enough poses have a ground truth."""

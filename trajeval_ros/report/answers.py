@@ -15,6 +15,7 @@ from typing import Any
 from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree, is_misread
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 from trajeval_ros.report import covered
+from trajeval_ros.report.after_closure import after_closure
 
 Figures = Mapping[str, Any]
 
@@ -112,7 +113,9 @@ def _how_good(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
         parts.append(f"over {covered.of_the_run(coverage)}")
         lost = covered.losses(coverage)
         parts += [lost] if lost else []
-    return [("How good", ";\n".join(parts))] if parts else []
+    found = [("How good", ";\n".join(parts))] if parts else []
+    said = after_closure(summary.get("latest_path"))
+    return [*found, ("As a whole", said)] if said else found
 
 
 def _with_interval(conventional: Figures, intervals: Figures, name: str) -> list[str]:
