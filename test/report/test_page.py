@@ -229,6 +229,14 @@ def test_page_of_a_run_without_any_evaluated_pose() -> None:
     assert "No estimate has been evaluated." in "".join(reader.text)
 
 
+def test_what_a_loop_closure_gained_is_told(evaluated: tuple[Report, dict[str, Any]]) -> None:
+    report, summary = evaluated
+    path: dict[str, Any] = {"scored": 9, "poses": 10, "ate_translation_rmse": 0.1}
+    path["online"] = {"ate_translation_rmse": 0.2}
+    text = "".join(read(report.render({**summary, "latest_path": path})).text)
+    assert "online ATE 0.2 m, after closure 0.1 m (9 of the latest path's 10 poses)" in text
+
+
 def test_every_reason_has_a_text() -> None:
     reasons = [*map(str, Reason), UNDECODABLE]
     summary: Any = Engine({}).summary()

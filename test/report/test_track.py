@@ -71,7 +71,6 @@ def test_totals_are_exact_and_peaks_survive(count: int, cuts: list[int], capacit
     np.testing.assert_array_equal(kept["stamp"], poses.stamps[rows])
     np.testing.assert_array_equal(kept["estimate"], poses.estimate[rows])
     np.testing.assert_allclose(kept["relative_chi2"], np.cumsum(poses.chi2)[rows], rtol=1e-12)
-    np.testing.assert_allclose(kept["relative_log_det"], np.cumsum(poses.log_det)[rows], rtol=1e-9)
     np.testing.assert_array_equal(
         kept["relative_log_likelihood"], poses.relative_log_likelihood[rows]
     )

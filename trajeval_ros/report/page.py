@@ -11,6 +11,7 @@ from pathlib import Path
 
 from trajeval_ros import charts
 from trajeval_ros.report import answers, kinds, words
+from trajeval_ros.report.after_closure import after_closure
 from trajeval_ros.report.glossary import CAPTIONS, HOW_TO_READ
 from trajeval_ros.report.payload import payload
 from trajeval_ros.report.run import Run
@@ -93,9 +94,13 @@ def _section(title: str, content: str) -> str:
 
 def _answer(one: Shown, named: bool) -> str:
     """How good it is, in words and in the figures that everybody looks for first."""
+    said_first = answers.answer(one.run.summary, one.run.parameters)
+    closed = after_closure(one.run.summary.get("latest_path"))
+    if closed is not None:
+        said_first.append(("Latest path", closed))
     rows = "".join(
         f'<tr><th scope="row">{title}</th><td>{html.escape(text)}</td></tr>'
-        for title, text in answers.answer(one.run.summary, one.run.parameters)
+        for title, text in said_first
     )
     table = f"<table class=answers>{rows}</table>" if rows else ""
     title = f"<h2>{html.escape(one.name)}</h2>" if named else ""

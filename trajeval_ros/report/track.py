@@ -29,7 +29,6 @@ FIELDS = np.dtype(
         ("relative_log_likelihood", np.float64),
         ("absolute_log_likelihood", np.float64),
         ("relative_chi2", np.float64),
-        ("relative_log_det", np.float64),
     ]
 )
 
@@ -53,7 +52,6 @@ class Track:
         self._newest: Records = np.empty(0, FIELDS)
         self._count = 0
         self._chi2 = 0.0
-        self._log_det = 0.0
 
     def add(self, results: Results) -> None:
         """Take in evaluated poses, later than all before them."""
@@ -81,7 +79,6 @@ class Track:
         records = np.empty(len(evaluations.stamps), FIELDS)
         absolute = evaluations.absolute_error
         chi2 = self._chi2 + np.cumsum(evaluations.chi2)
-        log_det = self._log_det + np.cumsum(evaluations.log_det)
         records["stamp"] = evaluations.stamps
         records["ground_truth"] = evaluations.ground_truth
         records["estimate"] = evaluations.estimate
@@ -92,9 +89,8 @@ class Track:
         records["relative_log_likelihood"] = evaluations.relative_log_likelihood
         records["absolute_log_likelihood"] = np.nan if total is None else total
         records["relative_chi2"] = chi2
-        records["relative_log_det"] = log_det
         self._count += len(records)
-        self._chi2, self._log_det = float(chi2[-1]), float(log_det[-1])
+        self._chi2 = float(chi2[-1])
         return records
 
     def poses(self) -> Records:
