@@ -22,6 +22,7 @@ from trajeval_ros.error_model.start import start
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 ENOUGH = 40
 """Poses below which there is no fit: of nine nuisances and the world's six freedoms."""
@@ -31,6 +32,8 @@ ENOUGH = 40
 _NEAR = 5e-3
 _ALMOST_ALL = 0.98
 _ITERATIONS = 8
+# After a longer step, in standard deviations, the parameters are found anew.
+_FAR = 3.0
 # A step of the nuisances of less than this share of its standard deviation is the last: it is taken
 # to first order, and what the second would add is a small part of it.
 _CONVERGED = 0.3
@@ -39,10 +42,10 @@ _LONGEST_STEP = 0.1
 # A process with more parameters has to gain so many nats a parameter more (Akaike).
 _PENALTY = 1.0
 # The maximum is found where another step gains less than this, nats, or after so many steps.
-_GAIN = 1e-3
+_GAIN = 5e-3
 _STEPS = 25
-# Weights are there already: it goes on with this round of them.
-_LATE = 7
+# Weights are there already, and not found anew in this round of them.
+_LATE = 8
 
 
 def fit(stamps: Stamps, estimate: Array, ask: Ask, known: Truth | None = None) -> ErrorModel | None:
@@ -174,27 +177,27 @@ class _Problem:
     def maximum(self, nuisances: Nuisances, guess: Guess) -> tuple[Nuisances, Likelihood]:
         """The maximum of the likelihood, with the ground truth asked just there.
 
-        The parameters are found once, near the nuisances; a step of these hardly changes them.
+        The parameters are found once, with the weights that there are; a step of the nuisances
+        hardly changes them.
         """
-        data, gauge = self._prepared(nuisances)
-        low, high = (each.ravel() for each in bounds(guess.kind, data))
-        if len(guess.measured) != len(data.times):
-            guess = search(guess.kind, data, gauge, guess)
-        here = climb(_at(guess, data, gauge), low, high, _GAIN, _STEPS, _LATE)
-        for _ in range(_ITERATIONS):
-            jitter = np.exp(2.0 * here.parameters[:, 0])
+        before = self._truth(nuisances, near=True).valid
+        low, high = (each.ravel() for each in bounds(guess.kind, self._prepared(nuisances)[0]))
+        weights, parameters, climbs = guess.weights, guess.parameters, True
+        for last in (*[False] * _ITERATIONS, True):
+            data, gauge = self._prepared(nuisances)
+            known = self._truth(nuisances, near=False).valid
+            weights, before = _carried(weights, before, known), known
+            weighted = replace(data, measured=weights[0], moved=weights[1])
+            here = Likelihood(guess.kind, parameters, weighted, gauge)
+            if climbs:
+                here = climb(here, low, high, _GAIN, _STEPS, _LATE, near=True)
+            weights, parameters = here.weights, here.parameters
+            jitter = np.exp(2.0 * parameters[:, 0])
             step, covariance = shown(here.theta, here.theta_covariance, jitter, data, gauge)
             proposed = nuisances.moved(step)
-            if _is_short(step, covariance) or not self.enough(proposed, near=False):
+            if last or _is_short(step, covariance) or not self.enough(proposed, near=False):
                 break
-            nuisances = proposed
-            data, gauge = self._prepared(nuisances)
-            same = here.count == len(data.times)
-            weights = here.weights if same else (data.measured, data.moved)
-            weighted = replace(data, measured=weights[0], moved=weights[1])
-            there = Likelihood(here.kind, here.parameters, weighted, gauge)
-            far = not same or not _is_short(step, covariance, 1.0)
-            here = climb(there, low, high, _GAIN, _STEPS, _LATE if same else 0) if far else there
+            nuisances, climbs = proposed, not _is_short(step, covariance, _FAR)
         return nuisances, here
 
     def _step(self, guess: Guess, data: Data, gauge: Array) -> tuple[Array, Array]:
@@ -209,6 +212,15 @@ class _Problem:
             reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
         )
         return prepare(self._stamps[good], self._estimate[good], kept, nuisances)
+
+
+def _carried(weights: tuple[Array, Array], before: Mask, now: Mask) -> tuple[Array, Array]:
+    """Weights of the poses ``before``, of all (N,), and of the steps to them, for those ``now``."""
+    if np.array_equal(before, now):
+        return weights
+    of_poses, of_moves = np.ones((2, len(before), 2))
+    of_poses[before], of_moves[np.flatnonzero(before)[1:]] = weights
+    return of_poses[now], of_moves[np.flatnonzero(now)[1:]]
 
 
 def _recorded(stamps: Stamps, truth: Truth) -> Recorded | None:

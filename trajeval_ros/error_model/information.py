@@ -79,26 +79,6 @@ class Factor:
         return found, -found[1:] @ gains
 
 
-@dataclass(frozen=True, slots=True)
-class Chain:
-    """``A x = d`` with ``x_0 = d_0``, ``x_(i+1) = F_i x_i + d_(i+1)``, of n poses with m rows."""
-
-    band: Array
-
-    @staticmethod
-    def of(transition: Array) -> Chain:
-        """Of the F, (n - 1, m, m)."""
-        count, size = len(transition) + 1, transition.shape[1]
-        return Chain(_banded(np.broadcast_to(np.eye(size), (count, size, size)), -transition))
-
-    def solve(self, columns: Array, *, transposed: bool = False) -> Array:
-        """``A⁻¹ d``, or ``A⁻ᵀ d``, of (n, m, c)."""
-        flat = columns.reshape(-1, columns.shape[-1])
-        trans = "T" if transposed else "N"
-        solution, _ = lapack.dtbtrs(self.band, flat, uplo="L", trans=trans, diag="U")
-        return np.ascontiguousarray(solution).reshape(columns.shape)
-
-
 def _banded(diagonal: Array, below: Array) -> Array:
     """Blocks (n, m, m) and those below them, (n - 1, m, m), in LAPACK's lower band storage."""
     count, size = diagonal.shape[:2]

@@ -26,7 +26,8 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.error_model.information import Chain, Factor
+from trajeval_ros.error_model.axes import backwards
+from trajeval_ros.error_model.information import Factor
 from trajeval_ros.error_model.process import Kind, steps
 
 Array = npt.NDArray[np.float64]
@@ -58,6 +59,20 @@ class Data:
     moved: Array
 
 
+@dataclass(frozen=True, slots=True)
+class _Covariances:
+    """Sums over the three axes of each group.
+
+    noise: what is known of each pose's score ``R⁻¹ n``, (N, 2). moved, earlier: of the moves, and
+    of the states with those that follow, (N - 1, k, k). first: of the first state, (k, k).
+    """
+
+    noise: Array
+    moved: list[Array]
+    earlier: list[Array]
+    first: list[Array]
+
+
 class Likelihood:
     """The restricted likelihood at one ψ, and what the data say there of states and nuisances."""
 
@@ -83,9 +98,8 @@ class Likelihood:
         if kind is not Kind.WANDER:
             self.transition[:, :3, 3:6] -= se3.hat(data.travel)
         scaled = [s.noise * data.moved[:, g, None, None] for g, s in enumerate(self._steps)]
-        self.process_weight = self._assembled(
-            [np.asarray(np.linalg.inv(each), np.float64) for each in scaled]
-        )
+        self._step_weights = [np.asarray(np.linalg.inv(each), np.float64) for each in scaled]
+        self.process_weight = self._assembled(self._step_weights)
         self._process_log_det = 3.0 * sum(float(np.linalg.slogdet(q)[1].sum()) for q in scaled)
         self.process_prior = self._assembled([s.prior[None] for s in self._steps])[0]
         onwards = self.process_weight @ self.transition
@@ -105,12 +119,6 @@ class Likelihood:
             for axis in range(3):
                 result[:, :, g, axis, :, g, axis] = block
         return result.reshape(len(groups[0]), self.size, self.size)
-
-    def _traces(self, blocks: Array, group: int) -> Array:
-        """Blocks (n, m, m), summed over a group's three axes; (n, k, k)."""
-        k = self.kind.components
-        split = blocks.reshape(-1, k, 2, 3, k, 2, 3)[:, :, group, :, :, group]
-        return np.asarray(np.einsum("ncada->ncd", split))
 
     def _regress(self) -> None:
         """θ, the states, the residuals, the log-likelihood."""
@@ -160,21 +168,60 @@ class Likelihood:
         self.at_theta = -0.5 * (self.chi2 + self._states_log_det + self.dof * _LOG_2PI + of_gauge)
 
     @cached_property
-    def covariances(self) -> tuple[Array, Array, Array]:
-        """Of n_i, (N, 6, 6); of the moves w_i, and of s_i with w_i, (N - 1, m, m)."""
+    def _covariances(self) -> _Covariances:
+        """What is known of the disturbances, as far as likelihood's slopes need it."""
         own, beside = self.factor.covariances()
-        f = self.transition
-        earlier = np.swapaxes(beside, 1, 2) - own[:-1] @ np.swapaxes(f, 1, 2)
-        moved = own[1:] - beside @ np.swapaxes(f, 1, 2) - f @ earlier
         root = np.linalg.cholesky(self.theta_covariance)
         columns = self.state_columns
-        seen = (self.columns - columns[:, :6]) @ root
-        noise = own[:, :6, :6] + seen @ np.swapaxes(seen, 1, 2)
-        ahead = (columns[1:] - f @ columns[:-1]) @ root
-        moved += ahead @ np.swapaxes(ahead, 1, 2)
-        earlier += (columns[:-1] @ root) @ np.swapaxes(ahead, 1, 2)
-        self._first = own[0] + (columns[0] @ root) @ (columns[0] @ root).T
-        return noise, moved, earlier
+        ahead = (columns[1:] - self.transition @ columns[:-1]) @ root
+        before, first = columns[:-1] @ root, columns[0] @ root
+        noise = np.einsum("nij,nij->ni", self.weight @ own[:, :6, :6], self.weight)
+        seen = self.weight @ ((self.columns - columns[:, :6]) @ root)
+        noise += np.einsum("nic,nic->ni", seen, seen)
+        moved, earlier, begin = [], [], []
+        for g, step in enumerate(self._steps):
+            f, back = step.transition, np.swapaxes(step.transition, 1, 2)
+            here, later, across = (
+                self._traces(each, g) for each in (own[:-1], own[1:], np.swapaxes(beside, 1, 2))
+            )
+            follows = here @ back
+            both = np.swapaxes(across, 1, 2) @ back
+            spread = f @ follows
+            if g == 0 and self.kind is not Kind.WANDER:
+                # Headings turn what follows.
+                turn = self.transition[:, None, :3, 3:6]
+                with_heading = (self._blocks(own[:-1])[:, :, 0, :, 0, 1] * turn).sum(axis=(2, 3))
+                ahead_of = (self._blocks(beside)[:, :, 0, :, 0, 1] * turn).sum(axis=(2, 3))
+                heading = (turn[:, 0] @ own[:-1, 3:6, 3:6] * turn[:, 0]).sum(axis=(1, 2))
+                cross = (f @ with_heading[..., None])[..., 0]
+                follows[:, :, 0] += with_heading
+                both[:, :, 0] += ahead_of
+                spread[:, :, 0] += cross
+                spread[:, 0] += cross
+                spread[:, 0, 0] += heading
+            mean = [self._group(each, g) for each in (ahead, before, first[None])]
+            flat = [each.reshape(*each.shape[:2], -1) for each in mean]
+            moved.append(
+                later - both - np.swapaxes(both, 1, 2) + spread + flat[0] @ flat[0].swapaxes(1, 2)
+            )
+            earlier.append(across - follows + flat[1] @ flat[0].swapaxes(1, 2))
+            begin.append(self._traces(own[:1], g)[0] + flat[2][0] @ flat[2][0].T)
+        return _Covariances(noise.reshape(-1, 2, 3).sum(axis=2), moved, earlier, begin)
+
+    def _blocks(self, blocks: Array) -> Array:
+        """(n, m, m) by component, group and axis."""
+        k = self.kind.components
+        return blocks.reshape(-1, k, 2, 3, k, 2, 3)
+
+    def _traces(self, blocks: Array, group: int) -> Array:
+        """Blocks (n, m, m), summed over a group's three axes; (n, k, k)."""
+        split = self._blocks(blocks)[:, :, group, :, :, group]
+        return np.asarray(np.einsum("ncada->ncd", split))
+
+    def _group(self, vectors: Array, group: int) -> Array:
+        """The part (n, k, 3, ...) of vectors (n, m, ...) that is a group's."""
+        k = self.kind.components
+        return vectors.reshape(len(vectors), k, 2, 3, *vectors.shape[2:])[:, :, group]
 
     def gradient(self) -> Array:
         """``∂ log L / ∂ψ``, (2, p)."""
@@ -182,28 +229,25 @@ class Likelihood:
 
     def scores(self) -> Array:
         """What each pose, with the step that leads to it, adds to the gradient; (N, 2, p)."""
-        noise, moved, earlier = self.covariances
+        known = self._covariances
         found: Array = np.zeros((self.count, 2, len(self.kind.names)))
-        second = self.residual[..., None] * self.residual[:, None] + noise
-        seen = self.weight @ second @ self.weight - self.weight
-        diagonal = np.einsum("nii->ni", seen).reshape(-1, 2, 3).sum(axis=2)
+        u = (self.weight @ self.residual[..., None])[..., 0]
+        seen = u * u - np.einsum("nii->ni", self.weight)
+        diagonal = seen.reshape(-1, 2, 3).sum(axis=2) + known.noise
         found[:, :, 0] = self.data.measured * diagonal * self._jitter
-        w = self.moves
-        moments = w[..., None] * w[:, None] + moved
-        mixed = self.states[:-1, :, None] * w[:, None] + earlier
-        weight = self.process_weight
-        information = weight @ moments @ weight - weight
-        crossed = mixed @ weight
-        first = np.outer(self.states[0], self.states[0]) + self._first
         for g, step in enumerate(self._steps):
-            each = self._traces(information, g) * self.data.moved[:, g, None, None]
-            across = self._traces(crossed, g)
-            begin = self._traces(first[None], g)[0]
+            w, state = self._group(self.moves, g), self._group(self.states, g)
+            weight = self._step_weights[g]
+            moments = w @ np.swapaxes(w, 1, 2) + known.moved[g]
+            information = weight @ moments @ weight - 3.0 * weight
+            information *= self.data.moved[:, g, None, None]
+            crossed = (state[:-1] @ np.swapaxes(w, 1, 2) + known.earlier[g]) @ weight
+            begin = state[0] @ state[0].T + known.first[g]
             for j in range(1, len(self.kind.names)):
-                found[1:, g, j] = 0.5 * np.einsum("ncd,ncd->n", step.slope_noise[j], each)
+                found[1:, g, j] = 0.5 * np.einsum("ncd,ncd->n", step.slope_noise[j], information)
                 if self.kind.names[j].endswith("time"):
                     slope = step.slope_transition[j]
-                    found[1:, g, j] += np.einsum("ncd,ndc->n", slope, across)
+                    found[1:, g, j] += np.einsum("ncd,ndc->n", slope, crossed)
                 found[0, g, j] = 1.5 * step.slope_log_prior[j]
                 found[0, g, j] -= 0.5 * np.vdot(step.slope_prior[j], begin)
         return found
@@ -213,64 +257,59 @@ class Likelihood:
 
         ``½ qᵢᵀ P qⱼ`` with ``qᵢ = (∂V/∂ψᵢ) P z``, V the covariance of the errors with the states in
         it and P its inverse but for what is integrated out (Gilmour, Thompson and Cullis, 1995).
+        With M the precision of the states by the process alone, that is, of the process,
+        ``½ (tᵢᵀ Q tⱼ - gᵢᵀ Λ⁻¹ gⱼ)`` with ``g = ∂M s = Aᵀ t``, and of the jitter ``g = R⁻¹ q``.
         """
         p, count = len(self.kind.names), self.count
-        scores = (self.weight @ self.residual[..., None])[..., 0]
-        felt = np.zeros((count, self.size))
-        felt[0] = self.process_prior @ self.states[0]
-        felt[1:] = (self.process_weight @ self.moves[..., None])[..., 0]
-        chain = Chain.of(self.transition)
-        moved = np.zeros((count, self.size, 2, p - 1))
-        k = self.kind.components
+        scores = (self.weight @ self.residual[..., None])[..., 0].reshape(-1, 2, 3)
+        into = np.zeros((count, self.size, 2, p))  # g
+        through = np.zeros_like(into)  # t
+        errors = np.zeros((count, 6, 2))
+        back = np.zeros_like(into)
         for g, step in enumerate(self._steps):
-            # Views of the group's components on the three axes.
-            into = moved.reshape(count, k, 2, 3, 2, p - 1)[:, :, g, :, g]
-            state = self.states.reshape(count, k, 2, 3)[:, :, g]
-            score = felt.reshape(count, k, 2, 3)[:, :, g]
-            scaled = self.data.moved[:, g, None, None]
+            weight, scaled = self._step_weights[g], self.data.moved[:, g, None, None]
+            state = self._group(self.states, g)
+            felt = weight @ self._group(self.moves, g)
+            part = self._group(through, g)[:, :, :, g]
             for j in range(1, p):
-                into[1:, ..., j - 1] += np.einsum(
-                    "ncd,nda->nca", step.slope_noise[j] * scaled, score[1:]
-                )
-                if not self.kind.names[j].endswith("time"):
-                    # The first pose's variance, where it has one, goes with σ².
-                    own = np.diag(step.slope_prior[j]) != 0.0
-                    into[0, own, :, j - 1] += 2.0 * state[0, own]
-                    continue
-                f = step.slope_transition[j]
-                into[1:, ..., j - 1] += np.einsum("ncd,nda->nca", f, state[:-1])
-                back = np.zeros((count, k, 2, 3))
-                back[:-1, :, g] = np.einsum("ndc,nda->nca", f, score[1:])
-                back = chain.solve(back.reshape(count, self.size, 1), transposed=True)
-                back = back.reshape(count, k, 2, 3)
-                noise = self._steps
-                for h, other in enumerate(noise):
-                    through = moved.reshape(count, k, 2, 3, 2, p - 1)[:, :, h, :, g, j - 1]
-                    q = other.noise * self.data.moved[:, h, None, None]
-                    through[1:] += np.einsum("ncd,nda->nca", q, back[1:, :, h])
-                    proper = np.diag(other.prior) > 0.0
-                    variance = 1.0 / np.diag(other.prior)[proper, None]
-                    through[0, proper] += variance * back[0, proper, h]
-        states = chain.solve(moved.reshape(count, self.size, -1)).reshape(count, self.size, 2, -1)
-        q = np.zeros((count, 6, 2, p))
-        q[..., 1:] = states[:, :6]
-        for g in range(2):
-            here = slice(3 * g, 3 * g + 3)
+                each = step.slope_noise[j] @ felt * scaled
+                if self.kind.names[j].endswith("time"):
+                    each = each + step.slope_transition[j] @ state[:-1]
+                part[1:, ..., j] = -(weight @ each)
+                part[0, ..., j] = step.slope_prior[j] @ state[0]
+            if self.kind is not Kind.DRIFT:
+                # Of the last component alone, which nothing but itself follows from.
+                here = np.zeros((count, 3))
+                here[:-1] = -np.einsum("nc,nca->na", step.slope_transition[-1][:, :, -1], felt)
+                self._group(into, g)[:, -1, :, g, -1] = here
+                decay = step.transition[:, -1, -1]
+                self._group(back, g)[:, -1, :, g, -1] = backwards(decay, here.T).T
             variance = 2.0 * self.data.measured[:, g, None] * self._jitter[g]
-            q[:, here, g, 0] = variance * scores[:, here]
-        q = q.reshape(count, 6, 2 * p)
-        return np.asarray(0.5 * np.einsum("nic,nid->cd", q, self._projected(q)))
-
-    def _projected(self, columns: Array) -> Array:
-        """``P q`` of (N, 6, c)."""
-        weighted = self.weight @ columns
-        right = np.zeros((self.count, self.size, columns.shape[2]))
-        right[:, :6] = weighted
-        solved = self.factor.solve(right)
-        rest = (weighted - self.weight @ solved[:, :6]).reshape(6 * self.count, -1)
-        theta = self.theta_covariance @ (self.columns.reshape(6 * self.count, -1).T @ rest)
-        states = solved[:, :6] - self.state_columns[:, :6] @ theta
-        return np.asarray(self.weight @ (columns - states - self.columns @ theta))
+            errors[:, 3 * g : 3 * g + 3, g] = variance * scores[:, g]
+        flat = through.reshape(count, self.size, 2 * p)
+        into += through
+        into[:-1] -= (np.swapaxes(self.transition, 1, 2) @ flat[1:]).reshape(into[1:].shape)
+        through += back
+        weighted = self.weight @ errors
+        into[:, :6, :, 0] = weighted
+        columns = into.reshape(count * self.size, 2 * p)
+        solved = self.factor.solve(into.reshape(count, self.size, 2 * p))
+        found = -columns.T @ solved.reshape(columns.shape)
+        found[::p, ::p] += errors.reshape(-1, 2).T @ weighted.reshape(-1, 2)
+        for g, step in enumerate(self._steps):
+            part = self._group(through, g)[:, :, :, g]
+            noise = step.noise * self.data.moved[:, g, None, None]
+            moved = np.einsum("ncd,ndap->ncap", noise, part[1:])
+            own = part[1:].reshape(-1, p).T @ moved.reshape(-1, p)
+            proper = np.diag(step.prior) > 0.0
+            first = part[0][proper]
+            own += np.einsum("cai,caj->ij", first, first / np.diag(step.prior)[proper, None, None])
+            found[g * p : (g + 1) * p, g * p : (g + 1) * p] += own
+        # What is integrated out.
+        ahead = -self.state_columns.reshape(len(columns), -1).T @ columns
+        ahead[:, ::p] += self.columns.reshape(6 * count, -1).T @ weighted.reshape(-1, 2)
+        found -= ahead.T @ self.theta_covariance @ ahead
+        return np.asarray(0.5 * found)
 
     def disturbances(self) -> tuple[Array, Array, Array, Array]:
         """Squared sizes of each pose's jitter and each step's move, as the data tell them.
@@ -278,20 +317,28 @@ class Likelihood:
         For each, (N, 2) and (N - 1, 2), by group: the square of the generalised least squares
         estimate over the three axes, and its variance on one axis beside the disturbance's own.
         """
-        noise, moved, _ = self.covariances
-        u = (self.weight @ self.residual[..., None])[..., 0]
-        told = np.einsum("nii->ni", self.weight - self.weight @ noise @ self.weight)
-        v = (self.process_weight @ self.moves[..., None])[..., 0][:, :6]
-        process = self.process_weight - self.process_weight @ moved @ self.process_weight
-        felt = np.einsum("nii->ni", process)[:, :6]
+        known = self._covariances
+        own_noise = np.einsum("nii->ni", self.weight).reshape(-1, 2, 3).sum(axis=2)
+        scores = [(self.weight @ self.residual[..., None]).reshape(-1, 2, 3)]
+        told = [(own_noise - known.noise) / 3.0]
+        felt, process = [], []
+        for g, weight in enumerate(self._step_weights):
+            felt.append((weight[:, :1] @ self._group(self.moves, g))[:, 0])
+            row = weight[:, 0]
+            taken = np.einsum("nc,ncd,nd->n", row, known.moved[g], row)
+            process.append(row[:, 0] - taken / 3.0)
+        scores.append(np.stack(felt, axis=1))
+        told.append(np.stack(process, axis=1))
         answers = []
-        for score, information, own in (
-            (u, told, self.data.measured * self._jitter),
-            (v, felt, self.own_noise()[1] * self.data.moved),
+        for score, information, own in zip(
+            scores,
+            told,
+            (self.data.measured * self._jitter, self.own_noise()[1] * self.data.moved),
+            strict=True,
         ):
-            mean = np.maximum(information.reshape(-1, 2, 3).mean(axis=2), 1e-100)
+            mean = np.maximum(information, 1e-100)
             # Errors of absurd data are bounded before they are squared.
-            size = np.linalg.norm(score.reshape(-1, 2, 3), axis=2)
+            size = np.linalg.norm(score, axis=2)
             square = (np.minimum(size, _LARGEST * mean) / mean) ** 2
             answers += [square, np.maximum(1.0 / mean - own, 0.0)]
         return answers[0], answers[1], answers[2], answers[3]

@@ -74,16 +74,28 @@ class Climbable(Protocol):
 Place = TypeVar("Place", bound=Climbable)
 
 
-def climb(here: Place, low: Array, high: Array, gain: float, steps: int, round_: int = 0) -> Place:
+def climb(
+    here: Place,
+    low: Array,
+    high: Array,
+    gain: float,
+    steps: int,
+    round_: int = 0,
+    *,
+    near: bool = False,
+) -> Place:
     """The robust maximum from ``here``: Newton steps with the average information.
 
     low, high: bounds of the parameters in a row, (p,). The weights follow each step, from the
     ``round_`` on that they are known from. It ends where another step gains less than ``gain``,
-    nats.
+    nats. ``near``: the maximum is so near that the curvature of the first place serves.
     """
+    curvature: Array | None = None
     before: tuple[Array, Array] | None = None
     for _ in range(steps):
-        slope, curvature = here.gradient().ravel(), here.average_information()
+        slope = here.gradient().ravel()
+        if curvature is None or not near:
+            curvature = here.average_information()
         if before is not None:
             curvature = _updated(curvature, before[0], before[1] - slope)
         step, expected = _newton_step(here.parameters.ravel(), slope, curvature, low, high)

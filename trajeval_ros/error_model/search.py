@@ -41,6 +41,8 @@ _STRETCH = 200
 _APART = 1e6
 # Nuisances and parameters in turn: so often, until a step is this share of its deviation.
 _TURNS = 6
+# On all poses after stretches of them.
+_ON_ALL = 2
 _SHORT = 0.3
 # Nuisances moved by more than so many standard deviations leave other errors to begin with.
 _LONG = 3.0
@@ -96,6 +98,7 @@ def search(kind: Kind, data: Data, gauge: Array, begin: Guess | None = None) -> 
         coarse = _Search(kind, _part(data, part), gauge[part], bounds(kind, data))
         found = coarse.run(begin, _TURNS if begin is None else 1)
         begin = found if begin is None else replace(found, theta=begin.theta)
+        return _Search(kind, data, gauge, bounds(kind, data)).run(begin, _ON_ALL)
     return _Search(kind, data, gauge, bounds(kind, data)).run(begin)
 
 
