@@ -239,6 +239,10 @@ def _blueprint(shown: Sequence[Shown]) -> Any:
     """The map on the left; errors and the answer on the right."""
     from rerun import blueprint
 
+    # The viewer's own choice is half a minute about the moment looked at.
+    everlasting = blueprint.TimeRangeBoundary.infinite()
+    whole = blueprint.TimeRange(start=everlasting, end=everlasting)
+
     def plot(origin: str, name: str, values: Sequence[Array]) -> Any:
         """Of the errors: in a gap of the ground truth its band reaches far beyond them."""
         found = np.concatenate(values)
@@ -246,6 +250,7 @@ def _blueprint(shown: Sequence[Shown]) -> Any:
         return blueprint.TimeSeriesView(
             origin=origin,
             name=name,
+            axis_x=blueprint.TimeAxis(view_range=whole),
             axis_y=blueprint.ScalarAxis(range=(0.0, highest or 1.0)),
             plot_legend=blueprint.PlotLegend(blueprint.Corner2D.RightTop),
         )
