@@ -69,7 +69,7 @@ install: .venv/.installed
 	@echo "Installing into .venv (a minute or two the first time) ..."
 	@$(call environment,.venv,$(PYTHONS),13)
 	@.venv/bin/python -m pip install -qq --constraint requirements/tools.txt \
-		--editable '.[ros,bags,report,terminal,watch,comparison,tables,benchmark,completion,test,bench,check]'
+		--editable '.[ros,bags,gnss,report,terminal,watch,comparison,tables,benchmark,completion,test,bench,check]'
 	@.venv/bin/python -m compileall -q trajeval_ros
 	@$(call installed,.venv)
 	@echo "Installed."

@@ -14,6 +14,8 @@ EXTRAS = {
     "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
     # evaluate bag, replay bag
     "bags": ["rosbags>=0.10"],
+    # NavSatFix
+    "gnss": ["pyproj>=3.4"],
     # evaluate --figures
     "report": ["matplotlib>=3.6"],
     # watch: the page of the running figures

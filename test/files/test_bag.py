@@ -383,3 +383,38 @@ class TestRealBags:
         assert candidates == {"/tf:odom.base_footprint": 517}
         (trajectory,) = read_bag(BAGS / "tf_example.bag", ["/tf:odom.base_footprint"])
         assert len(trajectory) == 517
+
+
+def test_positions_without_orientation(tmp_path):
+    """Points as they are, fixes in metres of the first one; what has no fix is no number."""
+    pytest.importorskip("pyproj")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    place = tmp_path / "positions"
+    kinds = {"/prism": "geometry_msgs/msg/PointStamped", "/fix": "sensor_msgs/msg/NavSatFix"}
+    with Writer2(place, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        to = {t: writer.add_connection(t, kind, typestore=store) for t, kind in kinds.items()}
+        for i in range(4):
+            time = types["builtin_interfaces/msg/Time"](i, 5)
+            header = types["std_msgs/msg/Header"](time, "map")
+            point = types["geometry_msgs/msg/Point"](1.0 * i, 2.0, 3.0)
+            status = types["sensor_msgs/msg/NavSatStatus"](-1 if i == 3 else 2, 1)
+            covariance = np.diag([1.0, 4.0, 9.0]).ravel()
+            made = {
+                "/prism": types[kinds["/prism"]](header, point),
+                "/fix": types[kinds["/fix"]](
+                    header, status, 47.3 + 1e-5 * i, 8.5, 400.0 + i, covariance, 2
+                ),
+            }
+            for topic, each in made.items():
+                writer.write(to[topic], i, store.serialize_cdr(each, kinds[topic]))
+    prism, fix = read_bag(place, ["/prism", "/fix"])
+    assert not prism.has_orientation
+    assert not fix.has_orientation
+    assert prism.positions.tolist() == [[1.0 * i, 2.0, 3.0] for i in range(4)]
+    assert prism.stamps.tolist() == [i * 1_000_000_000 + 5 for i in range(4)]
+    # A degree of latitude is 111.2 km at 47 degrees.
+    expected = [[0.0, 1.1118 * i, 1.0 * i] for i in range(3)]
+    np.testing.assert_allclose(fix.positions[:3], expected, atol=1e-3)
+    assert np.isnan(fix.positions[3]).all()
+    np.testing.assert_array_equal(np.diagonal(fix.covariances[0]), [1.0, 4.0, 9.0, 0.0, 0.0, 0.0])

@@ -24,6 +24,7 @@ import numpy as np
 
 from trajeval_ros import se3
 from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, PathMessage, decode_path, path_of
+from trajeval_ros.files.points import FIX_TYPE, POINT_TYPES, PYPROJ_IS_MISSING, Points
 from trajeval_ros.files.salvage import lone_bag, salvaged
 from trajeval_ros.files.salvage_ros1 import salvaged_ros1
 from trajeval_ros.files.text import PathLike
@@ -40,6 +41,7 @@ _POSE_TYPES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/TransformStamped",
     PATH_TYPE,
+    *POINT_TYPES,
 )
 _WITH_COVARIANCE = ("geometry_msgs/msg/PoseWithCovarianceStamped", "nav_msgs/msg/Odometry")
 _TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -122,6 +124,7 @@ def read_bag(
         ):
             if (topic, edge) in columns:
                 columns[topic, edge].add(pose)
+                columns[topic, edge].has_orientation = pose.has_orientation
         for key in keys:
             if key[1] and not columns[key].stamps:
                 columns[key], made[key] = _composed(source, reader, *key)
@@ -157,6 +160,7 @@ class _Pose:
     covariance: Any
     row: int
     frames: tuple[str, str] = ("", "")
+    has_orientation: bool = True
 
 
 class _Column:
@@ -167,6 +171,7 @@ class _Column:
         self._numbers: list[tuple[float, ...]] = []
         self._covariances: list[Any] = []
         self._rows: list[int] = []
+        self.has_orientation = True
 
     def add(self, pose: _Pose) -> None:
         self.stamps.append(pose.stamp)
@@ -205,6 +210,7 @@ class _Column:
             covariances=covariances,
             remarks=remarks,
             latest_path=latest_path,
+            has_orientation=self.has_orientation,
         )
 
 
@@ -355,6 +361,7 @@ def _poses(
     ``paths`` are filled in by topic.
     """
     paths = {} if paths is None else paths
+    points: dict[str, Points] = {}
     # A topic may have other types besides, which hold no poses.
     connections = [c for c in reader.connections if c.topic in topics and _usable([c.msgtype])]
     # Without connections, the library would read every message.
@@ -374,6 +381,19 @@ def _poses(
             path = message if isinstance(message, PathMessage) else path_of(message)
             for pose in _poses_of(paths.setdefault(topic, GrowingPath()).take(path), rows[topic]):
                 yield topic, "", pose
+        elif connection.msgtype in POINT_TYPES:
+            point = points.setdefault(topic, Points()).read(message)
+            if point is None:
+                raise TrajectoryFileError(source, PYPROJ_IS_MISSING)
+            covariance = point.covariance
+            if covariance is None and connection.msgtype == FIX_TYPE:
+                covariance = np.zeros((6, 6))
+            numbers = (*point.position, 0.0, 0.0, 0.0, 1.0)
+            yield (
+                topic,
+                "",
+                _Pose(point.stamp, numbers, covariance, rows[topic], has_orientation=False),
+            )
         else:
             yield topic, "", _pose(message, rows[topic], connection.msgtype in _WITH_COVARIANCE)
         if progress is not None and (done % _PROGRESS_EVERY == 0 or done == total):

@@ -83,6 +83,7 @@ class Decoded:
     child_frame: str
     undecodable: int
     latest_path: PoseSamples | None = None
+    has_orientation: bool = True
     """The whole trajectory that the messages bring with them."""
 
 

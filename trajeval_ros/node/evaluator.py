@@ -330,6 +330,8 @@ class Evaluator(Node):
         self._monitor.note_messages(topic, len(decoded.samples) + decoded.undecodable)
         self._session.note_undecodable(topic, decoded.undecodable)
         self._jumps.stamps(topic, decoded.samples.stamps)
+        if not decoded.has_orientation:
+            self._session.note_without_orientation(topic)
         if decoded.latest_path is not None:
             self._session.take_path(topic, decoded.latest_path)
         return decoded.samples

@@ -15,15 +15,23 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Path
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import NavSatFix
 
 from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, decode_paths
+from trajeval_ros.files.points import FIX_TYPE, POINT_TYPE, PYPROJ_IS_MISSING, Points
 from trajeval_ros.node.decode import POSE_TYPES, Decoded, decode, deserialized
 from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan
+from trajeval_ros.online.samples import PoseSamples
+
+Array = npt.NDArray[np.float64]
 
 # Long enough for the seconds that learning the hyperparameters or writing the report may take: of
 # 2 kHz of ground truth, a queue of 1,000 lost 600 to 1,300 samples in 20 s, one of 10,000 none.
@@ -35,7 +43,13 @@ BATCH = 5_000
 _PATH_DEPTH = 20
 _PATH = "Path"
 
-KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()} | {PATH_TYPE: _PATH}
+_POINTS: dict[str, Any] = {"PointStamped": PointStamped, "NavSatFix": NavSatFix}
+
+KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()} | {
+    PATH_TYPE: _PATH,
+    POINT_TYPE: "PointStamped",
+    FIX_TYPE: "NavSatFix",
+}
 _RELIABILITY = {
     "reliable": ReliabilityPolicy.RELIABLE,
     "best_effort": ReliabilityPolicy.BEST_EFFORT,
@@ -100,6 +114,7 @@ class Input:
         self._frame_changes = 0
         self._frame: str | None = None
         self._path = GrowingPath()
+        self._points = Points()
         self.heard = False
         """Whether anything has come yet."""
         self.child_frame = ""
@@ -189,6 +204,8 @@ class Input:
     @property
     def _problem(self) -> str | None:
         """Why what is heard is of no use."""
+        if self._points.is_without_pyproj:
+            return f"{self._topic}: {PYPROJ_IS_MISSING}"
         if not self._path.lacks_stamps:
             return None
         return (
@@ -198,12 +215,30 @@ class Input:
 
     def _message(self, type_name: str) -> Any:
         """The class of a type's messages, by the type's short name."""
+        if type_name in _POINTS:
+            return _POINTS[type_name]
         return Path if type_name == _PATH else POSE_TYPES[type_name].message
 
     def _decode(self, type_name: str, messages: Sequence[bytes]) -> Decoded:
         if type_name == _PATH:
             return self._decode_paths(messages)
+        if type_name in _POINTS:
+            return self._decode_points(type_name, messages)
         return decode(POSE_TYPES[type_name], messages)
+
+    def _decode_points(self, type_name: str, messages: Sequence[bytes]) -> Decoded:
+        read = (deserialized(raw, _POINTS[type_name]) for raw in messages)
+        points = [self._points.read(message) for message in read if message is not None]
+        known = [point for point in points if point is not None]
+        covariances = [point.covariance for point in known]
+        samples = PoseSamples(
+            np.array([point.stamp for point in known], dtype=np.int64),
+            np.array([point.position for point in known]).reshape(-1, 3),
+            np.tile([0.0, 0.0, 0.0, 1.0], (len(known), 1)),
+            _stacked(covariances),
+        )
+        frames = tuple(frame for frame, _ in groupby(point.frame for point in known))
+        return Decoded(samples, frames, "", len(messages) - len(known), has_orientation=False)
 
     def _decode_paths(self, messages: Sequence[bytes]) -> Decoded:
         samples, frames, undecodable = decode_paths(
@@ -240,6 +275,13 @@ class Input:
         self._frame_changes += self._frame is not None and frames[0] != self._frame
         self._frame = frames[-1]
         self.child_frame = decoded.child_frame
+
+
+def _stacked(covariances: Sequence[Array | None]) -> Array | None:
+    """Covariances (n, 6, 6); None where none is known. One that is not known is of nothing."""
+    if all(each is None for each in covariances):
+        return None
+    return np.stack([np.zeros((6, 6)) if each is None else each for each in covariances])
 
 
 def _never(message: bytes) -> None:

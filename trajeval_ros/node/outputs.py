@@ -73,7 +73,8 @@ class Outputs:
         if not len(evaluations):
             return
         for value in _heard(self._relative, evaluations.relative_log_likelihood):
-            self._relative.publish(Float64(data=float(value)))
+            if value == value:  # not NaN
+                self._relative.publish(Float64(data=float(value)))
         if results.absolute_log_likelihood is not None:
             self._absolute.publish(Float64(data=float(results.absolute_log_likelihood)))
         stamps = [time_message(stamp) for stamp in evaluations.stamps.tolist()]

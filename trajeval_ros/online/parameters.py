@@ -114,6 +114,8 @@ MESSAGE_TYPES = (
     "Odometry",
     "TransformStamped",
     "Path",
+    "PointStamped",
+    "NavSatFix",
 )
 
 TRANSFORM_TYPES = ("TFMessage", "tf2_msgs/msg/TFMessage")

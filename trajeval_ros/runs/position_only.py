@@ -17,10 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.likelihood.positions import PositionError, position_error
-from trajeval_ros.online.results import Notice
+from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.summary import alignment_figures, likelihood_figures
 from trajeval_ros.online.whole_run import Poses
@@ -83,6 +84,33 @@ def without_orientation(summary: Figures) -> Figures:
         result["drift"] = {**nothing, "path_length": path, "sub_trajectories": []}
     result["position_only"] = True
     return result
+
+
+def results_on_positions(results: Results, alignment: Mapping[str, Any] | None) -> Results:
+    """Results without what contains an orientation: errors and likelihoods are not a number.
+
+    ``alignment``: of the positions, as in ``conventional``.
+    """
+    evaluations = results.evaluations
+    nothing = np.full((len(evaluations), 6), np.nan)
+    similarity = None
+    if alignment is not None and alignment.get("pose") is not None:
+        pose = np.array(alignment["pose"])
+        similarity = Similarity(
+            se3.from_position_quaternion(pose[:3], pose[3:]), float(alignment["scale"])
+        )
+    return replace(
+        results,
+        evaluations=replace(
+            evaluations,
+            relative_error=nothing,
+            absolute_error=nothing,
+            relative_log_likelihood=np.full(len(evaluations), np.nan),
+        ),
+        notices=notices_on_positions(results.notices),
+        absolute_log_likelihood=None,
+        alignment=similarity or results.alignment,
+    )
 
 
 def with_positions(summary: Figures, poses: Poses, settings: EvaluationSettings) -> Figures:

@@ -40,6 +40,7 @@ from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import render_several
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
+from trajeval_ros.runs.position_only import results_on_positions, without_orientation
 from trajeval_ros.runs.record import Record
 from trajeval_ros.runs.several import NewestPoses, causes_of_all, newest_compared, together
 from trajeval_ros.wall import shield
@@ -91,6 +92,7 @@ class Session:
         # Whether what is in the folder is of the run that goes on, and may be written anew.
         self._is_ours = False
         self._undecodable = 0  # of the ground truth
+        self._without_orientation: set[int] = set()  # topics, 0 being the ground truth
 
     @property
     def is_several(self) -> bool:
@@ -127,6 +129,17 @@ class Session:
             self._undecodable += number
         else:
             self._records[self.names[topic - 1]].undecodable += number
+
+    def note_without_orientation(self, topic: int) -> None:
+        """What comes on a topic, 0 or an estimate's, are positions alone: `is_position_only`."""
+        self._without_orientation.add(topic)
+        for name, record in self._records.items():
+            record.report.lacks_orientation = self.is_position_only(name)
+
+    def is_position_only(self, name: str | None = None) -> bool:
+        """Whether the ground truth or the estimate has no orientation."""
+        topic = 1 + self.names.index(self.engine.only(name))
+        return bool({0, topic} & self._without_orientation)
 
     def take_path(self, topic: int, path: PoseSamples) -> None:
         """Take the latest whole trajectory of an estimate; before its poses are fed."""
@@ -194,7 +207,7 @@ class Session:
     def fit_error_model(self) -> bool:
         """Fit a block of a run or a window, if one has changed; it takes a part of a second."""
         for name in self.names[self._next_fit :] + self.names[: self._next_fit]:
-            if self._records[name].fit_error_model():
+            if not self.is_position_only(name) and self._records[name].fit_error_model():
                 # The others come first the next time.
                 self._next_fit = (self.names.index(name) + 1) % len(self.names)
                 return True
@@ -247,7 +260,7 @@ class Session:
                 account = figures[topic]
                 account["received"] += count
                 account["rejected"] = {**account["rejected"], UNDECODABLE: count}
-        return figures
+        return without_orientation(figures) if self.is_position_only(name) else figures
 
     def advance(self, now: int | None) -> Results:
         """Evaluate what can be of the only estimate; ``now`` (ns) on the stamps' clock."""
@@ -274,7 +287,16 @@ class Session:
         for name, newest in zip(found, self._newest, strict=False):
             add = partial(newest.add, found[name].evaluations)
             shield("keeping poses to compare", add, None, self._records[name].report.say)
-        return found
+        return {
+            name: self._on_positions(name, results) if self.is_position_only(name) else results
+            for name, results in found.items()
+        }
+
+    def _on_positions(self, name: str, results: Results) -> Results:
+        """Results without what contains an orientation, under the alignment of the positions."""
+        conventional = self.engine.figures(name)["conventional"]
+        assert isinstance(conventional, dict)
+        return results_on_positions(results, conventional.get("alignment"))
 
     def save(self, *, last: bool = False) -> Path | None:
         """Write the output folder and return it; None where there is nothing to write.
@@ -401,8 +423,9 @@ class Session:
         self._is_ours = False
         self.engine.reset()
         self._undecodable = 0
-        for record in self._records.values():
+        for name, record in self._records.items():
             record.clear()
+            record.report.lacks_orientation = self.is_position_only(name)
         for newest in self._newest:
             newest.clear()
 

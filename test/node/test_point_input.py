@@ -1,0 +1,109 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ground truth without orientation, over DDS: a total station's points, and GNSS fixes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import data
+import numpy as np
+import pytest
+from geometry_msgs.msg import PointStamped, PoseStamped, Vector3Stamped
+from harness import Graph, accounted
+from sensor_msgs.msg import NavSatFix, NavSatStatus
+
+import trajeval_ros as te
+from trajeval_ros import se3
+from trajeval_ros.online.samples import PoseSamples
+
+pytestmark = pytest.mark.ros
+FIXED = {"gp__hyperparameters": "fixed"}
+TRUTH, ESTIMATE = data.run(6.0)
+
+
+def points(samples: PoseSamples) -> list[PointStamped]:
+    """The positions alone."""
+    made = []
+    for stamped in data.messages(PoseStamped, samples):
+        point = PointStamped(header=stamped.header)
+        position = stamped.pose.position
+        point.point.x, point.point.y, point.point.z = position.x, position.y, position.z
+        made.append(point)
+    return made
+
+
+def fixes(samples: PoseSamples) -> list[NavSatFix]:
+    """The positions about a place, and at the end a message without a fix."""
+    pyproj = pytest.importorskip("pyproj")
+    back = pyproj.Transformer.from_pipeline(
+        "+proj=pipeline +step +inv +proj=topocentric +ellps=WGS84 +lon_0=8.5 +lat_0=47.3 +h_0=400"
+        " +step +inv +proj=cart +ellps=WGS84 +step +proj=unitconvert +xy_in=rad +xy_out=deg"
+    )
+    made = []
+    for stamped in data.messages(PoseStamped, samples):
+        position = stamped.pose.position
+        fix = NavSatFix(header=stamped.header)
+        fix.longitude, fix.latitude, fix.altitude = back.transform(
+            position.x, position.y, position.z
+        )
+        fix.status.status = NavSatStatus.STATUS_GBAS_FIX
+        fix.position_covariance = np.diag([4e-4, 4e-4, 1e-3]).ravel()
+        fix.position_covariance_type = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
+        made.append(fix)
+    made[-1].status.status = NavSatStatus.STATUS_NO_FIX
+    return made
+
+
+@pytest.mark.parametrize(("made", "kind"), [(points, PointStamped), (fixes, NavSatFix)])
+def test_positions_are_evaluated_and_orientations_are_absent(
+    made: Callable[[PoseSamples], list[Any]], kind: Any, graph: Graph, tmp_path: Path
+) -> None:
+    sent = made(TRUTH)
+    graph.start_evaluator(**FIXED, output__directory=str(tmp_path / "out"))
+    truth, estimate = graph.publisher("ground_truth", kind), graph.publisher("estimate")
+    errors = graph.listen(Vector3Stamped, "/evaluator/relative/rotation_error")
+    graph.until_heard(truth, estimate)
+    data.publish_in_order(
+        (truth, estimate), (sent, data.messages(PoseStamped, ESTIMATE)), 1000.0, (0.0, 0.0)
+    )
+    graph.until_accounted("ground_truth", len(TRUTH))
+    graph.until_accounted("estimate", len(ESTIMATE))
+    assert graph.call("/evaluator/save").success
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert accounted(summary["estimate"], "evaluated")
+    assert accounted(summary["ground_truth"], "used")
+    assert summary["position_only"] is True
+    for name in ("ate_rotation_rmse", "re_translation_rmse", "re_rotation_rmse"):
+        assert summary["conventional"][name] is None
+    assert summary["relative"]["log_likelihood"] is None
+    assert summary["window"]["absolute"]["log_likelihood"] is None
+    assert "error_model" not in summary
+    assert all(cause["code"] != "constant_orientation" for cause in summary["likely_causes"])
+    assert not errors
+    if kind is PointStamped:
+        found = summary["conventional"]["ate_translation_rmse"]
+        assert found == pytest.approx(of_files(), rel=1e-9)
+    else:
+        # The ellipsoid's metres are those that were put in, about the first fix.
+        assert summary["ground_truth"]["rejected"] == {"non_finite": 1}
+        found = summary["conventional"]["ate_translation_rmse"]
+        assert found == pytest.approx(of_files(), rel=1e-2)
+
+
+def of_files() -> float:
+    """ATE of the same positions without a node."""
+    identity = np.tile([0.0, 0.0, 0.0, 1.0], (len(TRUTH), 1))
+    poses = [
+        se3.from_position_quaternion(TRUTH.positions, identity),
+        se3.from_position_quaternion(ESTIMATE.positions, ESTIMATE.quaternions),
+    ]
+    truth, estimate = (
+        te.Trajectory(stamps, each)
+        for stamps, each in zip((TRUTH.stamps, ESTIMATE.stamps), poses, strict=True)
+    )
+    summary = te.evaluate(truth, estimate, gp_hyperparameters="fixed").summary
+    return float(summary["conventional"]["ate_translation_rmse"])
