@@ -26,6 +26,7 @@ ROSDEP_KEYS = {"numpy": "python3-numpy", "scipy": "python3-scipy", "yaml": "pyth
 OPTIONAL = {
     "rerun": "rerun",
     "aiohttp": "watch",
+    "pyproj": "gnss",
     "argcomplete": "completion",
     "arch": "comparison",
     "distributed": "benchmark",

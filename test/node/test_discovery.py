@@ -81,7 +81,8 @@ def test_a_type_that_cannot_be_read_is_named_with_the_remedy() -> None:
     assert found.offer is None
     assert found.problems == (
         "/estimate: /slam publishes sensor_msgs/msg/Imu, which cannot be read; remap to a topic of"
-        " type PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped, Path",
+        " type PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped, Path,"
+        " PointStamped, NavSatFix",
     )
 
 
