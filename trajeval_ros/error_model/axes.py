@@ -49,8 +49,8 @@ class Axes:
         self._step = step = steps(kind, parameters, series.intervals)
         self._jitter = series.measured * np.exp(2.0 * parameters[0])
         self.weight = 1.0 / (series.variance + self._jitter)
-        self._moves = np.moveaxis(step.transition, 0, -1)
-        self._noise = np.moveaxis(step.noise, 0, -1) * series.moved
+        self._moves = step.transition.transpose(1, 2, 0)
+        self._noise = step.noise.transpose(1, 2, 0) * series.moved
         self._precision, log_det = _inverse(self._noise)
         onwards = _times(self._precision, self._moves)
         own = np.zeros((*onwards.shape[:2], len(self.weight)))
@@ -197,7 +197,7 @@ class Axes:
             through[-1, :, -1] += backwards(f[-1, -1], here)
         errors = 2.0 * self._jitter * self.weight * self.residual
         into[0, :, 0] = self.weight * errors
-        solved = _solved(self._factor, np.moveaxis(into, -2, -1).reshape(p * _AXES, count, k))
+        solved = _solved(self._factor, into.swapaxes(-2, -1).reshape(p * _AXES, count, k))
         solved = solved.reshape(into.shape)
         found = -into.reshape(p, -1) @ solved.reshape(p, -1).T
         found[0, 0] += float((errors**2).sum(axis=0) @ self.weight)
@@ -275,7 +275,7 @@ def _factored(own: Array, below: Array) -> Array:
 def _solved(factor: Array, right: Array) -> Array:
     """``Λ⁻¹ X`` of X (m, n, k); (m, k, n)."""
     solution, _ = lapack.dpbtrs(factor, right.reshape(len(right), -1).T, lower=1)
-    return np.asarray(np.moveaxis(solution.T.reshape(right.shape), -1, -2))
+    return np.asarray(solution.T.reshape(right.shape).swapaxes(-1, -2))
 
 
 def _pivots(factor: Array, k: int) -> tuple[Array, Array]:

@@ -97,6 +97,7 @@ class _Problem:
         self._stamps, self._estimate, self._ask = stamps, estimate, ask
         self._near = None if known is None else _recorded(stamps, known)
         self._exact: tuple[Stamps, Truth] | None = None
+        self._latest: tuple[Stamps, Truth] | None = None
         self._stays_near = False
 
     def stay_near(self) -> None:
@@ -116,13 +117,14 @@ class _Problem:
         return self._exact[1]
 
     def _nearby(self, stamps: Stamps) -> Truth:
-        """As `_asked`, but from answers nearby, where there are some."""
-        if self._near is None:
-            return self._asked(stamps)
-        found = self._near.at(stamps, _NEAR)
-        if found.valid.sum() < _ALMOST_ALL * len(self._near.stamps):
-            return self._asked(stamps)
-        return found
+        """As `_asked`, but from answers nearby, where there are some; the same when asked again."""
+        if self._latest is None or (stamps != self._latest[0]).any():
+            found = None if self._near is None else self._near.at(stamps, _NEAR)
+            least = 0.0 if self._near is None else _ALMOST_ALL * len(self._near.stamps)
+            if found is None or found.valid.sum() < least:
+                found = self._asked(stamps)
+            self._latest = stamps, found
+        return self._latest[1]
 
     def _truth(self, nuisances: Nuisances, near: bool) -> Truth:
         stamps = nuisances.stamps(self._stamps)

@@ -145,8 +145,8 @@ def _newton_step(
     free = ((here > low) | (slope > 0.0)) & ((here < high) | (slope < 0.0))
     low, high = np.maximum(low, here - _LONGEST), np.minimum(high, here + _LONGEST)
     for _ in range(len(here)):
-        rest = slope[free] - curvature[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.solve(curvature[np.ix_(free, free)], rest)
+        rest = slope[free] - curvature[free][:, ~free] @ step[~free]
+        step[free] = np.linalg.solve(curvature[free][:, free], rest)
         within = np.clip(here + step, low, high) - here
         out = free & (within != step)
         if not out.any():

@@ -77,8 +77,8 @@ def steps(kind: Kind, parameters: Array, intervals: Array) -> Steps:
     """
     n, k, p = len(intervals), kind.components, len(parameters)
     # In memory the pose comes last: each entry is worked out for all poses at once.
-    transition, noise = np.moveaxis(np.zeros((2, k, k, n)), -1, 1)
-    d_transition, d_noise = np.moveaxis(np.zeros((2, p, k, k, n)), -1, 2)
+    transition, noise = np.zeros((2, k, k, n)).transpose(0, 3, 1, 2)
+    d_transition, d_noise = np.zeros((2, p, k, k, n)).transpose(0, 1, 4, 2, 3)
     prior, d_prior, d_log = np.zeros((k, k)), np.zeros((p, k, k)), np.zeros(p)
     log_prior = 0.0
     if kind is not Kind.WANDER:

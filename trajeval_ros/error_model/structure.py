@@ -30,7 +30,7 @@ _MEDIAN = 2.366
 _RARE = 16.27
 _CLIPPED = 3
 # Lags grow by this; the longest is this share of the poses. So many times T are tried.
-_GROWTH = 1.4
+_GROWTH = 1.6
 _LONGEST = 0.25
 # Poses that are so many times further apart than their number says have a gap between them.
 _GAP = 1.5
