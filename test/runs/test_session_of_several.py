@@ -14,6 +14,7 @@ from trajeval_ros.comparison.words import sentence
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import ParameterError, complete
+from trajeval_ros.runs import several
 from trajeval_ros.runs.session import Session
 from trajeval_ros.runs.several import NewestPoses, nats_per_second, newest_compared
 
@@ -158,6 +159,19 @@ def test_what_one_has_forgotten_is_left_out_of_its_pairs_alone_and_that_is_said(
     assert third.since is None
     assert " s on" not in sentence(third)
     assert read(first.figures()).since == stamps[-50]
+
+
+def test_a_defect_in_a_sentence_costs_no_file(two, tmp_path, monkeypatch):
+    monkeypatch.setattr(several, "sentence", lambda comparison: 1 / 0)
+    run = session(output__directory=str(tmp_path))
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.finish_all()
+    assert run.save(last=True) == tmp_path
+    run.close()
+    together = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert together["comparison"][0]["common"]["poses"] > 100
+    assert (tmp_path / "report.html").is_file()
+    assert any("the words of the comparison failed" in line for line in run.defects)
 
 
 def test_the_difference_in_nats_is_of_the_same_instants(two):

@@ -19,8 +19,6 @@ from trajeval_ros.commands.exports import Exports, Finished
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.overlap import small_share
 from trajeval_ros.comparison.compare import Comparison
-from trajeval_ros.comparison.words import sentence
-from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.output import (
     FILES,
     LATEST_PATH,
@@ -37,7 +35,7 @@ from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.runs.recording import Recorded
-from trajeval_ros.runs.several import looked_at_together, nats_per_second, together
+from trajeval_ros.runs.several import looked_at_together, sentences_of_all, together
 from trajeval_ros.wall import shield
 
 
@@ -144,7 +142,7 @@ class _Together:
 
     summary: Mapping[str, Any]
     comparisons: tuple[Comparison, ...] = ()
-    causes: tuple[Cause, ...] = ()
+    sentences: tuple[str, ...] = ()
     failures: tuple[str, ...] = ()
 
     def say(self, found: Mapping[str, Scored], output: str) -> None:
@@ -153,9 +151,7 @@ class _Together:
             print("\nCompared, each with each\n")
             summaries = {name: one.summary for name, one in found.items()}
             print("\n".join(figures.side_by_side(summaries)) + "\n")
-            for one in self.comparisons:
-                print(f"{sentence(one)}.{_likelier(one, summaries)}")
-            print("".join(f"\n{cause.sentence}\n" for cause in self.causes), end="")
+            print("\n".join(self.sentences))
         if len(found) > 1 and output:
             folder = Path(output).expanduser().absolute()
             print(f"\nWritten: summary.json, report.html of all in {folder}")
@@ -175,27 +171,14 @@ def _together(
         evaluated, summaries, settings.evaluation, failures.append
     )
     summary = together(summaries, comparisons, causes)
+    said = sentences_of_all(comparisons, causes, summaries, failures.append)
     if output:
         try:
             write_summary(Path(output).expanduser(), summary)
-            said = [f"{sentence(comparison)}." for comparison in comparisons]
-            said += [cause.sentence for cause in causes]
             write_report(Path(output).expanduser(), render_several(reports, summaries, said))
         except OutputError as error:
             failures += error.lines
-    return _Together(summary, comparisons, causes, tuple(failures))
-
-
-def _likelier(comparison: Comparison, summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """Whose errors are likelier under its own error model; empty where that cannot be told."""
-    nats = nats_per_second(comparison, summaries)
-    if nats is None:
-        return ""
-    better = comparison.a if nats["difference"] > 0.0 else comparison.b
-    return (
-        f" Under its own error model {better} is likelier by {abs(nats['difference']):.2g}"
-        " nats a second."
-    )
+    return _Together(summary, comparisons, said, tuple(failures))
 
 
 def _with_arguments(scored: Scored, given: Sequence[str]) -> Scored:

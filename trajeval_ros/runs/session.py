@@ -16,7 +16,6 @@ from typing import Any
 
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.ratio import Method
-from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.files.output import (
     FILES,
@@ -42,7 +41,13 @@ from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import results_on_positions, without_orientation
 from trajeval_ros.runs.record import Record
-from trajeval_ros.runs.several import NewestPoses, causes_of_all, newest_compared, together
+from trajeval_ros.runs.several import (
+    NewestPoses,
+    causes_of_all,
+    newest_compared,
+    sentences_of_all,
+    together,
+)
 from trajeval_ros.wall import shield
 
 _SUMMARY = "summary.json"
@@ -340,8 +345,7 @@ class Session:
                 comparisons, causes = self.comparisons(), self.causes_of_all()
                 write_summary(folder, together(summaries, comparisons, causes))
                 reports = {name: record.report for name, record in self._records.items()}
-                said = [f"{sentence(comparison)}." for comparison in comparisons]
-                said += [cause.sentence for cause in causes]
+                said = sentences_of_all(comparisons, causes, summaries, self.say)
                 write_report(folder, render_several(reports, summaries, said))
             except OutputError as error:
                 self._error = str(error)

@@ -14,6 +14,7 @@ import numpy as np
 from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
 from trajeval_ros.comparison.hat import shared_error
 from trajeval_ros.comparison.ratio import Method
+from trajeval_ros.comparison.words import sentence
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
@@ -156,6 +157,34 @@ def nats_per_second(
         return None
     (_, a), (_, b) = known
     return {"a": a, "b": b, "difference": a - b}
+
+
+def sentences_of_all(
+    comparisons: Sequence[Comparison],
+    causes: Sequence[Cause],
+    summaries: Mapping[str, Mapping[str, Any]],
+    say: Callable[[str], None],
+) -> tuple[str, ...]:
+    """Return what there is to say of several; ``say`` gets a line for a defect, and that is all."""
+
+    def said() -> tuple[str, ...]:
+        pairs = (f"{sentence(one)}.{_likelier(one, summaries)}" for one in comparisons)
+        return (*pairs, *(cause.sentence for cause in causes))
+
+    nothing: tuple[str, ...] = ()
+    return shield("the words of the comparison", said, nothing, say)
+
+
+def _likelier(comparison: Comparison, summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Whose errors are likelier under its own error model; empty where that cannot be told."""
+    nats = nats_per_second(comparison, summaries)
+    if nats is None:
+        return ""
+    better = comparison.a if nats["difference"] > 0.0 else comparison.b
+    return (
+        f" Under its own error model {better} is likelier by {abs(nats['difference']):.2g}"
+        " nats a second."
+    )
 
 
 class NewestPoses:
