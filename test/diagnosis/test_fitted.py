@@ -116,6 +116,7 @@ def test_positions_and_orientations_of_different_times_are_said():
     [
         ((), False),
         (("scale", "lost"), False),
+        (("millimetres",), False),
         (("time_base",), True),
         (("scale", "mirrored"), True),
     ],

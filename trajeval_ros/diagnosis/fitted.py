@@ -34,6 +34,11 @@ _SEEN = dict(zip(NAMES, OBSERVED_STD.tolist(), strict=True))
 # Of fewer poses, the scatter of a fit is not known well.
 _ENOUGH = 200
 _FITTED = ("clock_offset", "clock_rate", "body_frame", "scale")
+# With these causes the poses are what they were read as, and a fit of them holds: it has a scale.
+_OF_POSES_AS_READ = {
+    *_FITTED,
+    *("millimetres", "centimetres", "clock_change", "lost", "ground_truth_or_shared"),
+}
 # Beyond what crystals differ by: 1e-4 is 6 ms a minute.
 _LEAST_RATE = 1e-4
 
@@ -69,7 +74,7 @@ def together(coarse: tuple[Cause, ...], fitted: tuple[Cause, ...]) -> tuple[Caus
 
 def is_misread(codes: Iterable[str]) -> bool:
     """Whether likely causes, by their codes, say that poses are not what they were read as."""
-    return not set(codes) <= {*_FITTED, "clock_change", "lost", "ground_truth_or_shared"}
+    return not set(codes) <= _OF_POSES_AS_READ
 
 
 def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
