@@ -30,9 +30,44 @@ def test_the_gate_finds_a_regression_of_ten_per_cent(tmp_path: Path) -> None:
     assert "Coverage" not in titles
     assert "times" in worse[0].line
     write_junit(tmp_path / "junit.xml", verdict)
-    suite = ElementTree.parse(tmp_path / "junit.xml").getroot()
-    assert suite.get("failures") == str(len(worse)) == str(len(suite.findall("*/failure")))
-    assert suite.get("tests") == str(len(suite.findall("testcase")))
+    root = ElementTree.parse(tmp_path / "junit.xml").getroot()
+    assert root.get("failures") == str(len(worse)) == str(len(root.findall(".//failure")))
+    assert root.get("tests") == str(len(root.findall(".//testcase")))
+
+
+# Jenkins' junit-10.xsd: of each element the children, the attributes it must have and may have.
+_COUNTS = {"tests", "failures", "errors"}
+_JUNIT: dict[str, tuple[set[str], set[str], set[str]]] = {
+    "testsuites": ({"testsuite"}, set(), {"name", "time", "disabled", *_COUNTS}),
+    "testsuite": (
+        {"testcase", "properties", "system-out", "system-err"},
+        {"name", *_COUNTS},
+        {"name", "time", "skipped", "hostname", "id", "package", "timestamp", *_COUNTS},
+    ),
+    "testcase": (
+        {"skipped", "error", "failure", "system-out", "system-err"},
+        {"name", "classname"},
+        {"name", "classname", "time", "status", "assertions"},
+    ),
+    "failure": (set(), set(), {"type", "message"}),
+}
+
+
+def test_junit_has_the_schema_s_shape(tmp_path: Path) -> None:
+    rows = [{**row, "system": f"<{row['system']}>\x07&"} for row in made_rows(1, larger=1.2)]
+    before = [{**row, "system": f"<{row['system']}>\x07&"} for row in made_rows(2)]
+    gone = [row for row in rows if row["system"] != "<vins>\x07&" or row["sequence"] != "hall"]
+    write_junit(tmp_path / "junit.xml", judge(gone, before))
+    root = ElementTree.parse(tmp_path / "junit.xml").getroot()
+    assert root.tag == "testsuites"
+    for element in root.iter():
+        children, needed, allowed = _JUNIT[element.tag]
+        assert {child.tag for child in element} <= children
+        assert needed <= set(element.attrib) <= allowed
+        for name in {*_COUNTS, "time", "skipped"} & set(element.attrib):
+            assert float(element.attrib[name]) >= 0.0
+    failures = root.findall(".//failure")
+    assert any("has no run on hall" in failure.attrib["message"] for failure in failures)
 
 
 def test_an_improvement_is_none() -> None:

@@ -155,21 +155,30 @@ def _typical(runs: dict[str, Runs], common: Sequence[str], figure: Figure) -> fl
 def write_junit(path: Path, verdict: Verdict) -> None:
     """Write what CI servers show: a test case for each change, failed where it is worse."""
     failures = len(verdict.missing) + sum(change.worse for change in verdict.changes)
-    suite = ElementTree.Element(
-        "testsuite",
-        name="benchmark",
-        tests=str(len(verdict.changes) + len(verdict.missing)),
-        failures=str(failures),
-        errors="0",
+    counts = {
+        "tests": str(len(verdict.changes) + len(verdict.missing)),
+        "failures": str(failures),
+        "errors": "0",
+    }
+    suites = ElementTree.Element("testsuites", counts)
+    suite = ElementTree.SubElement(
+        suites, "testsuite", name="benchmark", **counts, skipped="0", time="0"
     )
     for change in verdict.changes:
-        case = ElementTree.SubElement(
-            suite, "testcase", classname=change.system, name=change.figure.title
-        )
-        if change.worse:
-            ElementTree.SubElement(case, "failure", message=change.line)
+        message = change.line if change.worse else None
+        _case(suite, change.system, change.figure.title, message)
     for system, sequence in verdict.missing:
-        case = ElementTree.SubElement(suite, "testcase", classname=system, name=sequence)
-        message = f"{system} has no run on {sequence} any more"
-        ElementTree.SubElement(case, "failure", message=message)
-    ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
+        _case(suite, system, sequence, f"{system} has no run on {sequence} any more")
+    ElementTree.ElementTree(suites).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _case(suite: ElementTree.Element, of: str, name: str, failure: str | None) -> None:
+    case = ElementTree.SubElement(suite, "testcase", classname=_xml(of), name=_xml(name), time="0")
+    if failure is not None:
+        element = ElementTree.SubElement(case, "failure", message=_xml(failure), type="regression")
+        element.text = _xml(failure)
+
+
+def _xml(text: str) -> str:
+    """Without what no XML may have, control characters above all."""
+    return "".join(c if c.isprintable() else "?" for c in text)
