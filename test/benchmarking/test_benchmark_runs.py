@@ -18,15 +18,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from benchmarking.conftest import ROOT, make_runs
 
 import trajeval_ros as te
 from trajeval_ros.benchmarking import cluster
 from trajeval_ros.benchmarking.errors import read_errors
+from trajeval_ros.benchmarking.figures import FIGURES
+from trajeval_ros.benchmarking.grids import heading, number
+from trajeval_ros.benchmarking.grids import summary as summary_grids
 from trajeval_ros.benchmarking.manifest import read_manifest
 from trajeval_ros.benchmarking.plan import Task
 from trajeval_ros.benchmarking.results import Results, read_csv, read_results
+from trajeval_ros.benchmarking.table import compare
 from trajeval_ros.benchmarking.whole import OutputExistsError, run
 from trajeval_ros.benchmarking.work import LOST, OK, Outcome, Row, failed, scores_of
 from trajeval_ros.commands import benchmark, simulate
@@ -82,6 +87,56 @@ def test_rows_are_those_of_single_evaluations(done: Done) -> None:
         jitter = summary["error_model"]["translation"]["jitter_std"]["value"]
         assert row["error_model.translation.jitter_std.value"] == pytest.approx(jitter, rel=1e-6)
         assert row["parameters.gauge"] == gauge
+
+
+DATA = ROOT / ".." / "shared" / "data" / "euroc_mh04"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is absent")
+def test_tables_of_a_recording_are_those_of_single_evaluations(tmp_path: Path, client: Any) -> None:
+    """Forty seconds of two systems, with noisy copies as repetitions: equal to the digit."""
+    text = (DATA / "groundtruth.txt").read_text().splitlines(keepends=True)
+    (tmp_path / "truth.txt").write_text("".join(text[:9000]))
+    runs = {}
+    for system in ("pl_vio", "vins_mono"):
+        poses = np.loadtxt(DATA / f"{system}.txt")[:400]
+        (tmp_path / f"{system}/mh04").mkdir(parents=True)
+        for run_ in range(2):
+            noise = np.random.default_rng(run_).normal(0.0, 1e-3, (len(poses), 3))
+            copy = np.hstack([poses[:, :1], poses[:, 1:4] + noise, poses[:, 4:]])
+            runs[system, str(run_)] = tmp_path / f"{system}/mh04/{run_}.txt"
+            np.savetxt(runs[system, str(run_)], copy, fmt="%.9f")
+    manifest = tmp_path / "manifest.yaml"
+    manifest.write_text(
+        "estimates: '{system}/{sequence}/{run}.txt'\nsequences: {mh04: {ground_truth: truth.txt}}\n"
+    )
+    rows = run(read_manifest(manifest), tmp_path / "out", client)
+    truth = te.read_tum(tmp_path / "truth.txt")
+    singles = {name: te.evaluate(truth, te.read_tum(path)).summary for name, path in runs.items()}
+    whole = {name: dict(scalars(summary)) for name, summary in singles.items()}
+    compared = 0
+    for row in rows:
+        single = whole[str(row["system"]), str(row["run"])]
+        for column, value in row.items():
+            if isinstance(value, float) and not column.startswith(("parameters.", "wall_time")):
+                assert value == pytest.approx(single[column], rel=1e-6, abs=1e-9), column
+                compared += 1
+    assert compared > 4 * 100
+    (table, *_) = summary_grids(compare(rows))
+    for name, entries in table.rows[1:]:
+        (figure,) = [each for each in FIGURES if heading(each) == name]
+        for system, entry in zip(table.columns, entries, strict=True):
+            values = [whole[system, run_][figure.column] for run_ in "01"]
+            assert entry.text.rstrip("†") == number(float(np.median(values)) * figure.factor)
+
+
+def scalars(part: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
+    for name, value in part.items():
+        if isinstance(value, dict):
+            yield from scalars(value, f"{prefix}{name}.")
+        elif isinstance(value, int | float):
+            yield f"{prefix}{name}", float(value)
 
 
 def test_files_have_every_row(done: Done) -> None:
