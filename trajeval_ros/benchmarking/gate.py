@@ -161,9 +161,8 @@ def write_junit(path: Path, verdict: Verdict) -> None:
         "errors": "0",
     }
     suites = ElementTree.Element("testsuites", counts)
-    suite = ElementTree.SubElement(
-        suites, "testsuite", name="benchmark", **counts, skipped="0", time="0"
-    )
+    more = {"name": "benchmark", "skipped": "0", "time": "0"}
+    suite = ElementTree.SubElement(suites, "testsuite", {**counts, **more})
     for change in verdict.changes:
         message = change.line if change.worse else None
         _case(suite, change.system, change.figure.title, message)
