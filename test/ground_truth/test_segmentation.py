@@ -278,3 +278,26 @@ def test_a_body_that_turns_far_from_sample_to_sample_is_followed(rate, speed):
         np.swapaxes(turning(asked)[:, :3, :3], -1, -2) @ whole(truth, at(asked)).poses[:, :3, :3]
     )
     assert np.abs(error).max() < 0.01
+
+
+@given(shapes, st.integers(1, 200), st.integers(2, 200))
+@settings(deadline=None)
+def test_segments_end_at_a_cut_and_weights_sum_to_one_beside_it(shape, before, after):
+    seconds = np.concatenate([np.arange(before) * 0.05, 60.0 + np.arange(after) * 0.05])
+    samples = sampled(seconds)
+    segmentation = Segmentation(shape)
+    closed = list(segmentation.append(samples[:before]))
+    opened = segmentation.opened
+    closed += list(segmentation.cut(samples[before:]))
+    assert len(closed) >= opened
+    edges = samples.stamps[before - 1], samples.stamps[before]
+    for blended in segmentation:
+        stamps = blended.segment.samples.stamps
+        assert (stamps <= edges[0]).all() or (stamps >= edges[1]).all()
+    stamps = asked(samples)
+    beside = stamps[(stamps <= edges[0]) | (stamps >= edges[1])]
+    np.testing.assert_allclose(weights(segmentation, beside).sum(axis=0), 1.0, atol=1e-12)
+    for blended in segmentation:
+        old = blended.segment.samples.stamps[0] <= edges[0]
+        other = beside >= edges[1] if old else beside <= edges[0]
+        assert (blended.weight(beside)[other] == 0.0).all()

@@ -566,3 +566,27 @@ def test_when_its_process_changed_is_remembered(still, expected):
     for stamp in fit.anew:
         # As soon as it moves.
         assert still < (stamp - START) / SECOND < still + 0.5
+
+
+def test_nothing_is_modelled_across_a_cut():
+    seconds = np.arange(0.0, 20.0, 0.05)
+    whole_run = sampled(seconds)
+    place = 200
+    late = Samples(whole_run.stamps[place:], whole_run.poses[place:].copy())
+    late.poses[:, :3, 3] += 1e3
+    cut_run = ground_truth()
+    cut_run.append(whole_run[:place])
+    cut_run.append(late, [int(late.stamps[0])])
+    for samples in (whole_run[:place], late):
+        alone = ground_truth()
+        alone.append(samples)
+        seconds = np.linspace(0.0, (samples.stamps[-1] - samples.stamps[0]) * 1e-9, 57)
+        asked = samples.stamps[0] + np.floor(seconds * 1e9).astype(np.int64)
+        until = np.full(len(asked), whole_run.stamps[-1])
+        expected = alone.posterior(asked, np.minimum(until, samples.stamps[-1]))
+        found = cut_run.posterior(asked, until)
+        np.testing.assert_allclose(found.poses, expected.poses, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(found.covariances, expected.covariances, rtol=1e-6)
+        assert not cut_run.is_cut(asked).any()
+    between = (whole_run.stamps[place - 1] + whole_run.stamps[place]) // 2
+    assert cut_run.is_cut(np.array([between])).all()

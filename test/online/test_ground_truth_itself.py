@@ -7,6 +7,7 @@ import pytest
 from twins.profiles import Profile, noisy, samples
 from twins.runs import SECOND, START, joined, where
 
+from trajeval_ros import se3
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 
@@ -144,18 +145,46 @@ def test_a_fault_is_named_and_does_not_rule(fault, code, reason, begin, end):
     assert summary["absolute"]["chi2_per_dof"] < 3.0
 
 
-def test_a_moved_origin_is_named():
-    shift = np.eye(4)
-    shift[:3, 3] = [0.3, 0.2, 0.1]
+def moved_from(begin, shift, turn=0.0):
+    """The origin moves and turns (rad, about the vertical) at a time."""
+    by = np.eye(4)
+    by[:3, 3], by[:3, :3] = shift, se3.exp_so3(np.array([0.0, 0.0, turn]))
+    return lambda rng, times, poses: np.where((times > begin)[:, None, None], by @ poses, poses)
 
-    def moved(rng, times, poses):
-        return np.where((times > 40.0)[:, None, None], shift @ poses, poses)
 
-    _, ground_truth, estimate = faulty(moved)
-    summary, _, _ = run(ground_truth, estimate)
+@pytest.mark.parametrize(
+    ("shift", "turn", "size"),
+    [
+        ([0.3, 0.2, 0.1], 0.0, "(0.37"),
+        ([0.3, 0.2, 0.1], 0.1, " and 5."),
+        ([-6e5, 300.0, 2.0], 0.0, "(6e+05 m)"),
+    ],
+)
+def test_a_moved_origin_is_named_and_does_not_rule(shift, turn, size):
+    profile, ground_truth, estimate = faulty(moved_from(30.0, shift, turn), seconds=40)
+    summary, stamps, poses = run(ground_truth, estimate)
     (found,) = summary["ground_truth"]["faults"]
     assert (found["code"], found["count"]) == ("origin_jump", 1)
-    assert abs((found["begin"] - START) / SECOND - 40.01) < 1e-6
+    assert abs((found["begin"] - START) / SECOND - 30.01) < 1e-6
+    assert size in found["text"]
+    # What lies between the last sample before and the first one after is not judged.
+    assert summary["estimate"]["rejected"] == {"outside_ground_truth": 1}
+    off, turned = errors(profile, stamps, poses)
+    assert off < 0.02
+    assert turned < 0.3 * DEGREE
+    assert summary["relative"]["chi2_per_dof"] < 10.0
+
+
+def test_of_a_fast_body_a_jump_is_less_than_a_step():
+    rng = np.random.default_rng(3)
+    profile = Profile(rng, ("drive", 60))
+    times = times_of(profile, 20)
+    poses = noisy(rng, profile.at(times), 2e-3, 0.1 * DEGREE)
+    poses = moved_from(30.0, [0.3, 0.2, 0.1])(rng, times, poses)
+    asked = np.arange(1.0, 59.0, 0.05) + 0.0013
+    summary, stamps, poses = run(samples(times, poses), samples(asked, profile.at(asked)))
+    assert [fault["code"] for fault in summary["ground_truth"]["faults"]] == ["origin_jump"]
+    assert errors(profile, stamps, poses)[0] < 0.02
 
 
 def test_growing_noise_is_named():
@@ -185,7 +214,9 @@ def test_clean_data_have_no_faults(kind, rate):
     assert summary["ground_truth"]["rejected"] == {}
 
 
-@pytest.mark.parametrize("fault", [outliers, frozen, flipped])
+@pytest.mark.parametrize(
+    "fault", [outliers, frozen, flipped, moved_from(20.0, [0.3, 0.2, 0.1], 0.1)]
+)
 def test_batches_do_not_matter(fault):
     _, ground_truth, estimate = faulty(fault, seconds=40)
     found = []

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 EXPLANATIONS = {
     "outliers": "samples far from those before and after them, left out",
     "flip": "turns no body makes, as where it was taken for another: left out or turned back",
-    "origin_jump": "jumps no body makes, from where the poses go on: a moved origin, or time lost",
+    "origin_jump": "jumps no body makes, from where the poses go on: cut there, and moved back",
     "frozen": "samples that repeat the one before while the body moves on, left out",
     "stamp_bursts": "samples stamped close together after a late one: stamps of their arrival",
     "stamps_late": "samples of a regular clock stamped late",
@@ -50,7 +51,12 @@ class Fault:
 
     def and_then(self, begin: int, end: int, count: int) -> Fault:
         """With later ones."""
-        return Fault(self.code, min(self.begin, begin), max(self.end, end), self.count + count)
+        return replace(
+            self,
+            begin=min(self.begin, begin),
+            end=max(self.end, end),
+            count=self.count + count,
+        )
 
 
 class Faults:
@@ -61,12 +67,23 @@ class Faults:
         self.passed = 0
         """Number of samples used."""
         self._found: dict[str, Fault] = {}
+        self._jumped = 0.0, 0.0
 
     def add(self, code: str, begin: int, end: int, count: int = 1) -> None:
         """Note some more."""
         known = self._found.get(code)
         fault = known.and_then(begin, end, count) if known else Fault(code, begin, end, count)
         self._found[code] = fault
+
+    def jumped(self, stamp: int, moved: float, turned: float) -> None:
+        """Note a jump of the origin, m and rad."""
+        self._jumped = max(self._jumped[0], moved), max(self._jumped[1], turned)
+        self.add("origin_jump", stamp, stamp)
+        known = self._found["origin_jump"]
+        moved, turned = self._jumped[0], math.degrees(self._jumped[1])
+        size = f"{moved:.3g} m" + (f" and {turned:.2g} deg" if turned else "")
+        detail = size if known.count == 1 else f"{size} at most"
+        self._found["origin_jump"] = replace(known, detail=detail)
 
     @property
     def found(self) -> tuple[Fault, ...]:

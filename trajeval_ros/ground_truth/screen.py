@@ -8,7 +8,8 @@ it while the body moves. It is then held back, with those after it, until a few 
 - they go on from where the samples before it led: it was an outlier, and costs itself alone;
 - they stay with it, turned on the spot as no body can: another body was taken for it, and what
   follows is turned back;
-- they stay with it, and no body could have moved so fast: the origin has jumped, which is named;
+- they stay with it, and no body could have moved so fast: the origin has jumped. There the samples
+  are cut, and what follows is moved back to where the motion, from both sides, goes on;
 - otherwise it was motion.
 
 What is decided is a function of the samples alone, however they were cut into batches.
@@ -31,6 +32,7 @@ Mask = npt.NDArray[np.bool_]
 # What is usual is the median of so many steps before; with fewer than the second nothing is.
 _USUAL_STEPS = 32
 _FEWEST_STEPS = 8
+_USUAL_CHANGES = _USUAL_STEPS - 2
 # A step is suspicious beyond so many times the usual one, and so many times the largest of the last
 # few, and this many times the instrument's accuracy.
 _TIMES_USUAL = 8.0
@@ -47,7 +49,11 @@ _FAR = 30.0
 _ACCELERATIONS = np.array([50.0, 300.0])
 # After a jump the steps are this much smaller than it.
 _QUIET = 0.2
-# It is named when it is so many times the instrument's accuracy.
+# Intervals are even where they are within this factor of the usual one.
+_EVEN = 2.0
+# How far is told by so many samples on either side at most.
+_SIDE = 8
+# It is one when it is so many times the instrument's accuracy.
 _JUMP = 20.0
 # A turn (rad) on the spot by more than this is that of another body.
 _FLIP = 0.7
@@ -64,10 +70,14 @@ _BURST, _LATE = 0.2, 1.8
 
 @dataclass(frozen=True, slots=True)
 class Screened:
-    """Samples that may be used, and the numbers left out by the code of their fault."""
+    """Samples that may be used, and the numbers left out by the code of their fault.
+
+    ``cuts``: the stamps (ns) from which on samples have a moved origin.
+    """
 
     samples: Samples
     rejected: dict[str, int]
+    cuts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +104,8 @@ class Screen:
         self._before: Samples | None = None  # the last few that were let through
         self._held: Samples | None = None
         self._turn = np.eye(4)
+        self._back = np.eye(4)
+        self._cut = False
         self._resting = False
 
     @property
@@ -115,22 +127,23 @@ class Screen:
         return self._decide(pending, final=True)
 
     def _put_right(self, samples: Samples) -> Samples:
-        if np.array_equal(self._turn, np.eye(4)):
+        if np.array_equal(self._turn, np.eye(4)) and np.array_equal(self._back, np.eye(4)):
             return samples
         covariances = samples.covariances
         if covariances is not None:
             adjoint = se3.adjoint(se3.inverse(self._turn))
             covariances = adjoint @ covariances @ adjoint.T
-        return replace(samples, poses=samples.poses @ self._turn, covariances=covariances)
+        poses = self._back @ samples.poses @ self._turn
+        return replace(samples, poses=poses, covariances=covariances)
 
     def _decide(self, pending: Samples, *, final: bool) -> Screened:
         passed: list[Samples] = []
         rejected: dict[str, int] = {}
+        cuts: list[int] = []
         while len(pending):
             count, repeats = self._unsuspicious(pending)
             if count:
-                passed.append(pending[:count])
-                self._remember(pending[:count])
+                passed.append(self._through(pending[:count], cuts))
                 pending = pending[count:]
                 continue
             judge = self._judge_repeats if repeats else self._judge_step
@@ -139,11 +152,15 @@ class Screen:
                 break
             code, number = verdict
             if code == "":
-                passed.append(pending[:number])
-                self._remember(pending[:number])
+                passed.append(self._through(pending[:number], cuts))
                 pending = pending[number:]
             elif code == "turned":
                 pending = self._turned_back(pending)
+            elif code == "moved":
+                self._cut = True
+                pending = self._moved_back(pending, turned=bool(number))
+                passed.append(self._through(pending[:1], cuts))
+                pending = pending[1:]
             else:
                 rejected[code] = rejected.get(code, 0) + number
                 kind = "outliers" if code == "outlier" else code
@@ -154,10 +171,17 @@ class Screen:
         samples = passed[0] if passed else _none()
         for more in passed[1:]:
             samples = samples + more
-        return Screened(samples, rejected)
+        return Screened(samples, rejected, tuple(cuts))
+
+    def _through(self, samples: Samples, cuts: list[int]) -> Samples:
+        """Let samples through, and be those before the next; note it where a cut is before them."""
+        if self._cut:
+            cuts.append(int(samples.stamps[0]))
+            self._cut = False
+        self._remember(samples)
+        return samples
 
     def _remember(self, samples: Samples) -> None:
-        """Let samples be those before the next."""
         known = samples if self._before is None else self._before + samples
         if self._before is not None:
             self._count_bursts(known, len(samples))
@@ -195,7 +219,7 @@ class Screen:
         sizes = steps.sizes[known:]
         limit = np.maximum(_TIMES_USUAL * usual, _TIMES_LAST * last)
         limit = np.maximum(limit, _TIMES_ACCURACY * self._accuracy)
-        large = (sizes > limit).any(axis=1)
+        large = (sizes > limit).any(axis=1) | self._sudden(before + pending, steps.intervals)
         enough = np.arange(known, known + new) >= _FEWEST_STEPS
         large &= enough
         repeats = (sizes == 0.0).all(axis=1) & enough
@@ -206,6 +230,28 @@ class Screen:
         if not len(suspicious):
             return new, False
         return int(suspicious[0]), bool(repeats[suspicious[0]])
+
+    def _sudden(self, samples: Samples, intervals: Array) -> Mask:
+        """Which of the samples that are new change their velocity as they never did before.
+
+        Where a body is fast its origin may jump by less than it goes in a step. At irregular stamps
+        velocities do not tell.
+        """
+        assert self._before is not None
+        new = len(samples) - len(self._before)
+        found = np.zeros(new, dtype=np.bool_)
+        if len(samples) < _FEWEST_STEPS + 3:
+            return found
+        change = np.zeros(len(intervals))
+        change[1:] = _changes(samples.poses[:, :3, 3], intervals)
+        # Of 33 samples there are 31 changes, and the first is of the two before it.
+        change[0] = np.nan
+        padded = np.concatenate([np.full(_USUAL_CHANGES, np.nan), change])
+        windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_CHANGES)[-new:]
+        usual, last = _usual(windows[:, None])
+        limit = np.maximum(_TIMES_USUAL * usual[:, 0], _TIMES_LAST * last[:, 0])
+        found = change[-new:] > np.maximum(limit, _TIMES_ACCURACY * self._accuracy[0])
+        return np.asarray(found)
 
     def _motion(self) -> tuple[Array, Array, float]:
         """The usual step (2,), the twist of the last samples (6,), the usual interval (s)."""
@@ -245,7 +291,9 @@ class Screen:
         large = off[0] > limit
         far = off[0] > np.maximum(_FAR * usual, _TIMES_ACCURACY * self._accuracy)
         if not large.any():
-            return "", 1
+            if not impossible[0] or not self._is_sudden(off[0, 0]):
+                return "", 1
+            return self._judge_jump(seen, off, np.array([True, False]), final)
         share = off[1:, large] / off[0, large]
         near = (share < _RETURNED).all(axis=1) & bool((impossible & large).any())
         near |= (share < _CLOSELY).all(axis=1) & bool((far & large).any())
@@ -256,15 +304,81 @@ class Screen:
             if not final:
                 return None
             return ("outlier", 1) if (impossible & large).any() else ("", 1)
-        after = _Steps.between(seen).sizes
+        return self._judge_jump(seen, off, impossible & large, final)
+
+    def _is_sudden(self, off: float) -> bool:
+        """Whether so much (m) is far more than the velocity's usual changes."""
+        assert self._before is not None
+        intervals = np.diff(self._before.stamps) * 1e-9
+        changes = _changes(self._before.poses[:, :3, 3], intervals)
+        return off > _TIMES_USUAL * float(np.median(changes))
+
+    def _is_even(self, samples: Samples) -> bool:
+        """Whether stamps are even around the first of the samples: late ones look like jumps."""
+        assert self._before is not None
+        stamps = np.concatenate([self._before.stamps, samples.stamps[: 1 + _FEWEST_AHEAD]])
+        intervals = np.diff(stamps)
+        near = intervals[len(self._before) - 3 :] / np.median(intervals[: len(self._before) - 1])
+        return bool((near < _EVEN).all() and (near > 1.0 / _EVEN).all())
+
+    def _judge_jump(
+        self, seen: Samples, off: Array, jumped: Mask, final: bool
+    ) -> tuple[str, int] | None:
+        """Whether the samples stay where they went, no body's way in ``jumped`` (2,)."""
+        if len(seen) <= _FEWEST_AHEAD:
+            return ("", 1) if final else None
+        # The steps after, or how they differ from those before.
+        after = np.minimum(_Steps.between(seen).sizes, self._unexpected(seen))
         quiet = (after < _QUIET * off[0]).all(axis=0)
-        jumped = impossible & large & quiet & (off[0] > _JUMP * self._accuracy)
-        if jumped[1] and off[0, 1] > _FLIP and not large[0]:
+        jumped = jumped & quiet & (off[0] > _JUMP * self._accuracy)
+        if jumped[1] and off[0, 1] > _FLIP and not jumped[0]:
             return "turned", 0
-        if jumped.any():
-            stamp = int(seen.stamps[0])
-            self._faults.add("origin_jump", stamp, stamp)
-        return "", 1
+        if not jumped.any() or not self._is_even(seen):
+            return "", 1
+        return "moved", int(jumped[1])
+
+    def _unexpected(self, seen: Samples) -> Array:
+        """By how much each step between samples differs from what the motion before led to."""
+        led = self._led_to(seen.stamps)
+        moved = np.diff(seen.poses[:, :3, 3] - led[:, :3, 3], axis=0)
+        turned = se3.log_so3(np.swapaxes(led[:, :3, :3], 1, 2) @ seen.poses[:, :3, :3])
+        return np.stack(
+            [np.linalg.norm(each, axis=1) for each in (moved, np.diff(turned, axis=0))], axis=1
+        )
+
+    def _moved_back(self, pending: Samples, turned: bool) -> Samples:
+        """Move the samples to where the motion goes on, those to come as well.
+
+        If they are not ``turned``, the position alone: what is off the orientation by noise would
+        be off the position by metres further on.
+        """
+        assert self._before is not None
+        stamp, interval = int(pending.stamps[0]), self._motion()[2]
+        there, here = self._led_to(pending.stamps[:1])[0], pending.poses[0]
+        back = np.eye(4)
+        if turned:
+            back[:3, :3] = there[:3, :3] @ here[:3, :3].T
+        back[:3, 3] = there[:3, 3] - back[:3, :3] @ here[:3, 3]
+        # What is left of the step, by the samples on both sides.
+        sides = self._before[max(len(self._before) - _SIDE, 0) :] + replace(
+            pending[:_SIDE], poses=back @ pending.poses[:_SIDE]
+        )
+        times = (sides.stamps - stamp) * 1e-9
+        near = np.abs(times) < max(_AHEAD, (_FEWEST_AHEAD + 1.5) * interval)
+        values = np.concatenate(
+            [sides.poses[:, :3, 3], se3.log_so3(sides.poses[:, :3, :3] @ there[:3, :3].T)], axis=1
+        )
+        step = _step(times[near], values[near])
+        more = np.eye(4)
+        if turned:
+            more[:3, :3] = se3.exp_so3(-step[3:])
+        more[:3, 3] = there[:3, 3] - step[:3] - more[:3, :3] @ there[:3, 3]
+        back = more @ back
+        moved = np.linalg.norm(here[:3, 3] - (back @ here)[:3, 3])
+        angle = np.linalg.norm(se3.log_so3(back[:3, :3]))
+        self._faults.jumped(stamp, float(moved), float(angle))
+        self._back = back @ self._back
+        return replace(pending, poses=back @ pending.poses)
 
     def _turned_back(self, pending: Samples) -> Samples:
         """Turn the samples to where the motion led, those to come as well."""
@@ -318,6 +432,22 @@ def _apart(first: Array, second: Array) -> Array:
     moved = np.linalg.norm(second[:, :3, 3] - first[:, :3, 3], axis=1)
     between = np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3]
     return np.stack([moved, np.linalg.norm(se3.log_so3(between), axis=1)], axis=1)
+
+
+def _changes(positions: Array, intervals: Array) -> Array:
+    """By how much each step (n - 1,) differs from the one before at its velocity, m; (n - 2,)."""
+    steps = np.diff(positions, axis=0)
+    ratio = np.minimum(intervals[1:] / np.maximum(intervals[:-1], 1e-9), _EVEN)
+    return np.asarray(np.linalg.norm(steps[1:] - ratio[:, None] * steps[:-1], axis=1))
+
+
+def _step(times: Array, values: Array) -> Array:
+    """The step at time zero (c,) in values (n, c) that are otherwise a parabola over time."""
+    scale = max(float(np.abs(times).max()), 1e-9)
+    t = times / scale
+    order = min(2, max(len(t) - 3, 0))
+    columns = [*(t**k for k in range(order + 1)), (t >= 0.0).astype(np.float64)]
+    return np.asarray(np.linalg.lstsq(np.stack(columns, axis=1), values, rcond=None)[0][-1])
 
 
 def _usual(windows: Array) -> tuple[Array, Array]:

@@ -172,6 +172,26 @@ class Segmentation:
             else:
                 samples = self._continue_alone(samples)
 
+    def cut(self, samples: Samples) -> Iterator[Segment]:
+        """Add later samples with which nothing before has to do; yield as `append` does.
+
+        The segments that are open end with their last sample, and nothing answers between that and
+        the first one here.
+        """
+        if self._segments:
+            closed = self.open
+            after = int(closed[-1].samples.stamps[-1]) + 1
+            if self._handing_over:
+                self._handovers[-1].append(np.array([after]), np.ones(1))
+            handover = HandOver(after)
+            handover.append(samples.stamps[:1], np.ones(1))
+            self._handovers.append(handover)
+            self._segments.append(Segment(samples[:1]))
+            self.opened += 1
+            samples = samples[1:]
+            yield from closed
+        yield from self.append(samples)
+
     def _continue_alone(self, samples: Samples) -> Samples:
         """Feed the open segment up to the sample at which a hand-over begins; return the rest."""
         segment, shape = self._segments[-1], self._shape

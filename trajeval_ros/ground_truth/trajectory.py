@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -105,6 +106,7 @@ class GroundTruth:
                 given = Process(model.kernels, given, self._accuracy)
             self._use(given)
         self._stamps = np.empty(0, dtype=np.int64)
+        self._cuts = np.empty((0, 2), dtype=np.int64)  # the samples before and after each
         self._begin: int | None = None
         self._settled = 0  # the segments before this one are closed and conditioned
 
@@ -133,10 +135,27 @@ class GroundTruth:
         """Stamps of the retained samples, increasing; (n,)."""
         return self._stamps
 
-    def append(self, samples: Samples) -> None:
-        """Add samples, each later than all before."""
+    def append(self, samples: Samples, cuts: Sequence[int] = ()) -> None:
+        """Add samples, each later than all before.
+
+        ``cuts``: the stamps (ns) of those with which nothing before has to do, so that nothing is
+        modelled across.
+        """
+        last = self._stamps[-1:]
         self._stamps = np.concatenate([self._stamps, samples.stamps])
-        for closed in self._segmentation.append(samples):
+        edges = [int(np.searchsorted(samples.stamps, cut)) for cut in cuts]
+        before = np.concatenate([last, samples.stamps])
+        for edge in edges:
+            if edge + len(last):
+                pair = before[edge + len(last) - 1], samples.stamps[edge]
+                self._cuts = np.concatenate([self._cuts, [pair]])
+        self._add(self._segmentation.append(samples[: edges[0] if edges else len(samples)]))
+        for begin, end in pairwise([*edges, len(samples)]):
+            self._add(self._segmentation.cut(samples[begin:end]))
+
+    def _add(self, closed_ones: Iterable[Segment]) -> None:
+        """Condition segments as they are closed, and learn from them."""
+        for closed in closed_ones:
             self._advance(closed)
             if closed.begun:
                 self._fits.add(closed)
@@ -217,6 +236,18 @@ class GroundTruth:
             cross = joint.extend(stamps, until, covariances, parts, found)
         return Posterior(poses, covariances, self._sampled(stamps), cross, mixed)
 
+    def is_cut(self, stamps: Stamps) -> Mask:
+        """Which of ``stamps`` (q,) lie where nothing is modelled, between samples before and after.
+
+        As far back as samples are retained.
+        """
+        place = np.searchsorted(self._cuts[:, 1], stamps, side="right")
+        within = place < len(self._cuts)
+        if not within.any():
+            return within
+        begin = self._cuts[np.minimum(place, len(self._cuts) - 1), 0]
+        return np.asarray(within & (stamps > begin))
+
     def _sampled(self, stamps: Stamps) -> Mask:
         """Which of ``stamps`` (q,) do not lie in a gap, by the samples up to the next one."""
         last = len(self._stamps) - 1
@@ -241,6 +272,7 @@ class GroundTruth:
         keep = int(np.searchsorted(self._stamps, before, side="right")) - 2 - _GAP_INTERVALS
         keep = max(keep, 0)
         self._stamps = self._stamps[keep:]
+        self._cuts = self._cuts[self._cuts[:, 1] > before]
 
 
 def _parts(blended: Blended, order: Stamps, sorted_stamps: Stamps, until: Stamps) -> Iterator[Part]:

@@ -87,7 +87,7 @@ class Reference:
         for code, count in screened.rejected.items():
             self._intake.account.reject(Reason(code), count)
         if len(screened.samples):
-            self.ground_truth.append(screened.samples)
+            self.ground_truth.append(screened.samples, screened.cuts)
             self._fresh.append(screened.samples)
             self.presence.add(screened.samples.stamps)
             self.odometer.add(screened.samples.stamps, screened.samples.poses[:, :3, 3])

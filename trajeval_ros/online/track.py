@@ -287,6 +287,7 @@ class Track:
             to_last = stamps - samples[np.maximum(before, 0)]
             valid = (after < len(samples)) & (before >= 0) & (to_next <= self._timing.patience)
             valid &= np.minimum(to_next, to_last) <= self._timing.max_gap
+            valid &= ~self._ground_truth.is_cut(stamps)
             if self._ground_truth.begin is not None:
                 valid &= stamps >= self._ground_truth.begin
         if valid.any():
@@ -314,7 +315,7 @@ class Track:
         nearest = np.minimum(np.abs(to_next), np.abs(to_last))
         far = ~late & (nearest > self._timing.max_gap)
         bracketed = (after < len(samples)) & (before >= 0) & (to_next <= self._timing.patience)
-        outside = ~late & ~far & ~bracketed
+        outside = ~late & ~far & (~bracketed | self._ground_truth.is_cut(stamps))
         account.reject(Reason.TOO_LATE, int(late.sum()))
         account.reject(Reason.NO_GROUND_TRUTH, int(far.sum()))
         account.reject(Reason.OUTSIDE_GROUND_TRUTH, int(outside.sum()))
