@@ -14,9 +14,12 @@ from typing import Any
 
 import pytest
 
+from trajeval_ros.commands import demo
+from trajeval_ros.commands.live import State
 from trajeval_ros.commands.simulate import write_files, write_two
 from trajeval_ros.comparison.compare import read
 
+ADDRESS = "http://127.0.0.1:8765/"
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {
     **os.environ,
@@ -81,19 +84,19 @@ def assert_live_is_as_from_files(live: dict[str, Any], file: dict[str, Any]) -> 
 def test_live_figures_are_those_of_the_files(tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS 2")
     truth, estimate = write_files(tmp_path, 24.0, 3)
-    demo = run(
+    shown = run(
         "demo",
         *("--ground-truth", truth, "--estimate", estimate),
         *("--rate", 10, "--output", tmp_path / "live"),
         cwd=tmp_path,
     )
-    assert demo.returncode == 0, demo.stdout + demo.stderr
-    assert "none lost" in demo.stdout
-    assert "replaying 10x" in demo.stdout, "the node's figures have been heard meanwhile"
+    assert shown.returncode == 0, shown.stdout + shown.stderr
+    assert "none lost" in shown.stdout
+    assert "replaying 10x" in shown.stdout, "the node's figures have been heard meanwhile"
     if find_spec("aiohttp") is not None:
-        assert "In a browser: http://127.0.0.1:" in demo.stdout
+        assert "In a browser: http://127.0.0.1:" in shown.stdout
     report = tmp_path / "live" / "report.html"
-    assert f"Report: {report}" in demo.stdout
+    assert f"Report: {report}" in shown.stdout
     assert report.is_file()
 
     offline = run("evaluate", "tum", truth, estimate, "--output", tmp_path / "file", cwd=tmp_path)
@@ -109,16 +112,16 @@ def test_live_figures_are_those_of_the_files(tmp_path: Path) -> None:
 def test_two_estimates_side_by_side_and_which_is_better(tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS 2")
     truth, drifting, corrected = write_two(tmp_path, 40.0, 1)
-    demo = run(
+    shown = run(
         "demo",
         *("--ground-truth", truth, "--estimate", drifting, "--estimate", corrected),
         *("--rate", 8, "--output", tmp_path / "live"),
         cwd=tmp_path,
     )
-    assert demo.returncode == 0, demo.stdout + demo.stderr
-    assert "none lost" in demo.stdout
-    assert "drifting: ATE" in demo.stdout
-    assert "corrected's translation drifts" in demo.stdout
+    assert shown.returncode == 0, shown.stdout + shown.stderr
+    assert "none lost" in shown.stdout
+    assert "drifting: ATE" in shown.stdout
+    assert "corrected's translation drifts" in shown.stdout
     for name in ("drifting", "corrected"):
         assert (tmp_path / "live" / name / "report.html").is_file()
     summary = json.loads((tmp_path / "live" / "summary.json").read_text(encoding="utf-8"))
@@ -134,7 +137,7 @@ def test_a_signal_leaves_no_process_behind(number: signal.Signals, tmp_path: Pat
     pytest.importorskip("rclpy", reason="needs ROS 2")
     truth, estimate = write_files(tmp_path, 120.0, 3)
     output = tmp_path / "live"
-    demo = subprocess.Popen(
+    shown = subprocess.Popen(
         command(
             *("demo", "--ground-truth", truth, "--estimate", estimate),
             *("--rate", 6, "--output", output),
@@ -148,20 +151,20 @@ def test_a_signal_leaves_no_process_behind(number: signal.Signals, tmp_path: Pat
         preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
     )
     try:
-        assert demo.stdout is not None
-        assert any(line.startswith("replaying") for line in demo.stdout)
+        assert shown.stdout is not None
+        assert any(line.startswith("replaying") for line in shown.stdout)
         assert len(processes_about(tmp_path)) == 3
-        demo.send_signal(number)
+        shown.send_signal(number)
         if number is signal.SIGHUP:
             # Shell and kernel both send it; the second must not disturb the children's end.
-            while not ignored(demo.pid, number) and demo.poll() is None:
+            while not ignored(shown.pid, number) and shown.poll() is None:
                 time.sleep(0.01)
-            demo.send_signal(number)
-        _, errors = demo.communicate(timeout=60)
-        assert demo.returncode == 130
+            shown.send_signal(number)
+        _, errors = shown.communicate(timeout=60)
+        assert shown.returncode == 130
         assert errors == "demo: error: interrupted\n"
     finally:
-        demo.terminate()
+        shown.terminate()
     assert processes_about(tmp_path) == []
     assert (output / "summary.json").is_file(), "the node has written what there was"
 
@@ -184,6 +187,33 @@ def processes_about(path: Path) -> list[str]:
         if str(path) in line and "trajeval_ros" in line:
             found.append(line)
     return found
+
+
+def test_the_page_is_offered_once_and_opened_where_there_is_a_screen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(demo.webbrowser, "open", opened.append)
+    monkeypatch.delenv("SSH_CONNECTION", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(demo.sys.stdout, "isatty", lambda: True, raising=False)
+    for display, asked, expected in (("", True, []), (":0", False, []), (":0", True, [ADDRESS])):
+        opened.clear()
+        monkeypatch.setenv("DISPLAY", display) if display else monkeypatch.delenv(
+            "DISPLAY", raising=False
+        )
+        page, state = demo._Page(tmp_path, opens=asked), State(0.0, 1.0)
+        page._child = object()  # type: ignore[assignment]
+        log = tmp_path / "watch.log"
+        log.write_text("", encoding="utf-8")
+        page.offer(state)
+        assert state.page == ""
+        log.write_text(f"Watching /evaluator at {ADDRESS}\n", encoding="utf-8")
+        for _ in range(2):
+            page.offer(state)
+        assert state.page == ADDRESS
+        # There is none elsewhere than on Linux without a display.
+        assert opened == (expected if demo.sys.platform != "darwin" else [ADDRESS] * asked)
 
 
 @pytest.mark.parametrize("option", ["--ground-truth", "--estimate"])

@@ -235,6 +235,7 @@ def show_in_a_browser(browser: Any, graph: Graph, page: Watch) -> None:
     session.close()
 
 
+@pytest.mark.slow
 def test_a_node_that_ends_and_comes_back_is_said(graph: Graph, tmp_path: Path) -> None:
     page = Watch(graph)
     first = graph.start_evaluator()
