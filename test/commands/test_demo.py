@@ -127,8 +127,8 @@ def test_two_estimates_side_by_side_and_which_is_better(tmp_path: Path) -> None:
     summary = json.loads((tmp_path / "live" / "summary.json").read_text(encoding="utf-8"))
     (pair,) = summary["comparison"]
     assert pair["re_translation"]["interval"][0] > 1.0
-    # What was written is what was compared.
-    assert read(pair).figures() == pair
+    # What was written is what was compared; the nats are of the error models.
+    assert read(pair).figures() == {k: v for k, v in pair.items() if k != "nats_per_second"}
 
 
 @pytest.mark.ros
