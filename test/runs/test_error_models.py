@@ -44,3 +44,29 @@ def test_poses_too_far_apart_to_ask_between() -> None:
     window = result.summary["window"]["error_model"]
     assert window["poses"] > 100
     assert np.isfinite(window["log_likelihood"])
+
+
+def test_a_body_turned_about_its_only_axis_has_no_kilometre_of_jitter() -> None:
+    """Where a fit begins too far off to find anything, none is told; the cause is named."""
+    seconds = np.arange(0.0, 40.0, 0.02)
+
+    def planar(times: np.ndarray) -> np.ndarray:
+        poses = motion(times)
+        poses[:, 2, 3] = 0.0
+        yaw = np.zeros((len(times), 3))
+        yaw[:, 2] = 0.5 * times + np.sin(0.8 * times)
+        poses[:, :3, :3] = se3.exp_so3(yaw)
+        return poses
+
+    rng = np.random.default_rng(1)
+    turned = np.eye(4)
+    turned[:3, :3] = se3.exp_so3(np.array([0.0, 0.0, np.radians(120.0)]))
+    error = rng.normal(size=(400, 6)) * np.repeat([0.02, 0.005], 3)
+    times = seconds[2 : 2 + 4 * 400 : 4]
+    result = te.evaluate(
+        te.Trajectory(seconds, planar(seconds)),
+        te.Trajectory(times, planar(times) @ se3.exp(error) @ turned),
+    )
+    assert [cause.code for cause in result.causes] == ["body_frame"]
+    model = result.summary.get("error_model")
+    assert model is None or model["translation"]["jitter_std"]["value"] < 0.1

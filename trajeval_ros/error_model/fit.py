@@ -17,7 +17,7 @@ from trajeval_ros.error_model.nuisances import COUNT, Ask, Nuisances, Truth, pre
 from trajeval_ros.error_model.observed import shown
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.recorded import Recorded
-from trajeval_ros.error_model.search import Guess, bounds, search
+from trajeval_ros.error_model.search import LARGEST_STD, Guess, bounds, search
 from trajeval_ros.error_model.start import start
 
 Array = npt.NDArray[np.float64]
@@ -76,8 +76,16 @@ def _fit(problem: _Problem) -> ErrorModel | None:
     if not problem.enough(nuisances, near=False):
         problem.stay_near()
     nuisances, here = problem.maximum(nuisances, guess)
+    if _has_run_away(here):
+        return None
     alternatives[best] = here.at_theta / here.count
     return described(problem.kept(nuisances), nuisances, here, alternatives)
+
+
+def _has_run_away(found: Likelihood) -> bool:
+    """Whether an error is as large as can be: there is no maximum, as of poses that are misread."""
+    sizes = [not name.endswith("time") for name in found.kind.names]
+    return bool((found.parameters[:, sizes] >= np.log(LARGEST_STD) - 1e-3).any())
 
 
 def _score(found: Likelihood) -> float:

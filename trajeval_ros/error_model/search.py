@@ -22,7 +22,7 @@ from trajeval_ros.error_model.structure import starts
 Array = npt.NDArray[np.float64]
 
 _LEAST_STD = 1e-7
-_LARGEST_STD = 1e3
+LARGEST_STD = 1e3
 # Noise of this share of the ground truth's standard deviation, or a drift of it in all of the time,
 # is none.
 _NONE = 0.03
@@ -83,7 +83,7 @@ def bounds(kind: Kind, data: Data) -> tuple[Array, Array]:
         for i, name in enumerate(kind.names):
             of_time = name.endswith("time")
             low[g, i] = np.log(shortest if of_time else least[name])
-            high[g, i] = np.log(max(span, 2.0 * shortest) if of_time else _LARGEST_STD)
+            high[g, i] = np.log(max(span, 2.0 * shortest) if of_time else LARGEST_STD)
     return low, high
 
 
