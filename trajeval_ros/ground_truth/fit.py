@@ -20,6 +20,8 @@ _ANEW = 200
 # The noise has grown when it is so many times that of the first segments.
 _GROWN = 3.0
 _OWN = 0.7
+# What noise usually is lies from a fifth of the soft limit to it: the middle of their logarithms.
+_MIDDLE = 0.45
 # Fewer samples do not tell noise from motion.
 _ENOUGH = 24
 _SECOND = 1_000_000_000
@@ -107,7 +109,10 @@ class Fits:
             tuple(self._anew),
         )
         white = _white(epoch)
-        self._first = self._first or white
+        if self._first is None:
+            # Less than what is usual is not known well enough to grow.
+            translation, rotation = map(max, white, _usual(epoch.process))
+            self._first = translation, rotation
         # Where samples are rare, much of the noise stands for motion between them.
         if len(segment) >= _ENOUGH and any(
             now > _GROWN * first and now > _OWN * noise
@@ -138,6 +143,14 @@ def _white(epoch: Epoch) -> tuple[float, float]:
         float(np.hypot(np.exp(regime.of(learned.theta)[-1]), learned.accuracy))
         for learned, regime in zip(epoch.process.learned, epoch.regimes, strict=True)
     )
+    return translation, rotation
+
+
+def _usual(process: Process) -> tuple[float, float]:
+    """The middle of what noise usually is, of translation and rotation; zero where it is given."""
+    if process.learned is None:
+        return 0.0, 0.0
+    translation, rotation = (_MIDDLE * learned.grid.soft_limit for learned in process.learned)
     return translation, rotation
 
 
