@@ -73,7 +73,20 @@ def test_the_positions_are_evaluated_and_orientations_are_left_out(
             kind["absolute"]["log_likelihood_first_order"], rel=1e-9
         )
     assert summary["relative"]["rotation_rmse"] is None
-    assert "error_model" not in summary
+    model = summary["error_model"]
+    assert not {"rotation", "scale", "clock_rate"} & set(model)
+    assert set(model["extrinsic"]) == {"translation", "pose"}
+    assert model["translation"]["jitter_std"]["value"] > 0.0
+    assert "Kind of error jitter " in out
+
+
+def test_what_positions_do_not_tell_cannot_be_applied(
+    run: tuple[Path, Path], tmp_path: Path, capsys: Any
+) -> None:
+    truth = rewritten(run[0], tmp_path / "truth.txt", lambda row: row[:4])
+    assert evaluate.main(["tum", truth, str(run[1]), "--apply", "clock_offset,scale"]) == 1
+    assert "the error model has no scale" in capsys.readouterr().err
+    assert evaluate.main(["tum", truth, str(run[1]), "--apply", "clock_offset,extrinsic"]) == 0
 
 
 def test_the_antenna_is_found_where_it_is(

@@ -221,6 +221,10 @@ def _corrected(
             _require_poses(found[name], estimate)
             which = f" to {name}" if len(data.names) > 1 else ""
             raise CommandError(f"--apply: no error model could be fitted{which}")
+        missing = [one for one in what if one not in model]
+        if missing:
+            # Of positions alone there is no scale.
+            raise CommandError(f"--apply: the error model has no {' and no '.join(missing)}")
         right, values = corrected(estimate, name, settings[name], values, model, what)
         estimates.append(right)
     return replace(data, estimates=tuple(estimates)), values

@@ -49,7 +49,8 @@ fit.{_BOTH}_{{mean_square,noise_std}} fit.{{segments_adapted,segments_closed,sta
 faults.*.{{begin,code,count,detail,end,text}}
 """
 _OF_ONE = f"""
-{{version,gauge,position_only}} parameters.{{{_PARAMETERS}}} parameters.{{estimates,extrinsic}}.*
+{{version,gauge,position_only}} lever_arm.{_XYZ}
+parameters.{{{_PARAMETERS}}} parameters.{{estimates,extrinsic}}.*
 inputs.{{estimate,ground_truth}} inputs.{{estimate,ground_truth}}.{{path,bytes,sha256,topic}}
 inputs.arguments.*
 estimate.{{received,evaluated,pending,cut}} estimate.rejected.{{{_REASONS}}}

@@ -53,7 +53,7 @@ def fitted_causes(
     if model["poses"] < _ENOUGH:
         return ()
     return (
-        *_clock(model, time_offset),
+        *clock_causes(model, time_offset),
         *_rate(model),
         *_changes(model),
         *_body_frame(model, extrinsic),
@@ -144,7 +144,8 @@ def gain(value: Array, covariance: Array) -> float:
     return 0.5 * float(value @ np.linalg.solve(covariance, value))
 
 
-def _clock(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
+def clock_causes(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
+    """Return what the error model says of the clock; ``applied``: s, the offset set already."""
     value, std = model["clock_offset"]["value"], model["clock_offset"]["std"]
     gained = 0.5 * (value / std) ** 2
     if gained < GAIN or abs(value) < _SHORTEST or std > _SEEN["clock_offset"]:

@@ -12,6 +12,7 @@ from trajeval_ros import se3
 from trajeval_ros.error_model.changes import joined
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.nuisances import NAMES
+from trajeval_ros.error_model.positions import PositionErrorModel
 from trajeval_ros.error_model.process import GROUPS, Kind
 
 Figures = dict[str, object]
@@ -67,4 +68,31 @@ def named(model: ErrorModel) -> Figures:
         ],
         "clock_changes": [asdict(each) for each in model.clock_changes],
         "clock_stretches": [asdict(each) for each in joined(model.clock_stretches, _STRETCHES)],
+    }
+
+
+def named_on_positions(model: PositionErrorModel) -> Figures:
+    """The same of a model against positions: what contains an orientation is left out.
+
+    The extrinsic is the lever arm's, in the axes of the estimate's body.
+    """
+    arm, std = model.lever_arm, np.sqrt(np.diagonal(model.covariance))
+    translation = {
+        name: {"value": value, "std": known} for name, (value, known) in model.parameters.items()
+    }
+    if "drift_std" in translation:
+        translation["long_run_drift"] = translation["drift_std"]
+    return {
+        "model": "wander" if model.kind is Kind.WANDER else "drift",
+        "translation": translation,
+        "clock_offset": {"value": model.clock_offset, "std": float(std[3])},
+        "extrinsic": {
+            "translation": {"value": (-arm).tolist(), "std": std[:3].tolist()},
+            "pose": [*(-arm).tolist(), 0.0, 0.0, 0.0, 1.0],
+        },
+        "poses": model.poses,
+        "log_likelihood": model.likelihood.log_likelihood,
+        "nats_per_pose": model.likelihood.log_likelihood / model.poses,
+        "chi2_per_dof": model.likelihood.chi2 / model.likelihood.dof,
+        "whiteness": {"translation": model.whiteness.tolist()},
     }

@@ -76,14 +76,18 @@ class PositionError:
 
 
 @dataclass(frozen=True, slots=True)
-class _State:
+class PositionState:
+    """A place where the residuals are linear about: an alignment, and the lever arm, (3,)."""
+
     alignment: Similarity
     lever_arm: Array
 
 
 @dataclass(frozen=True, slots=True)
-class _Problem:
-    """positions: (M, 3), about their ``origin`` in the world.
+class PositionProblem:
+    """Residuals as a function of the alignment and the lever arm.
+
+    positions: (M, 3), about their ``origin`` in the world.
 
     covariance: (M, 3, 3); factor: of each. estimate: (M, 4, 4). centre: of the gauge's
     perturbations, (3,), from the origin.
@@ -97,13 +101,26 @@ class _Problem:
     gauge: Gauge
     centre: Array
 
-    def residual(self, state: _State) -> tuple[Array, Array, Array]:
+    @staticmethod
+    def of(positions: Array, covariance: Array, estimate: Array, gauge: Gauge) -> PositionProblem:
+        """Of positions in the world, as in :func:`position_error`.
+
+        Raises CovarianceError where a covariance is not positive definite.
+        """
+        # Coordinates of a country are large, and differences of them small.
+        origin = positions.mean(axis=0)
+        factor = _factors(covariance)
+        return PositionProblem(
+            origin, positions - origin, covariance, factor, estimate, gauge, np.zeros(3)
+        )
+
+    def residual(self, state: PositionState) -> tuple[Array, Array, Array]:
         """R, (M, 3); the aligned positions of the body, and what the lever arm adds to them."""
         aligned = state.alignment.apply(self.estimate)
         arm = (aligned[:, :3, :3] @ state.lever_arm[:, None])[..., 0]
         return self.positions - aligned[:, :3, 3] - arm, aligned, arm
 
-    def columns(self, state: _State) -> Array:
+    def columns(self, state: PositionState) -> Array:
         """``[J r]``, (M, 3, d + 4): the residual's derivatives by the gauge and by l, and r."""
         residual, aligned, arm = self.residual(state)
         body = aligned[:, :3, 3] - self.centre
@@ -120,33 +137,33 @@ class _Problem:
         white = np.linalg.solve(self.factor, columns)
         return np.asarray(white.reshape(-1, columns.shape[-1]))
 
-    def prior(self, state: _State) -> tuple[Array, float]:
+    def prior(self, state: PositionState) -> tuple[Array, float]:
         """What the prior says of a change of l: whitened columns, and log|V|."""
         rows = np.zeros((3, self.gauge.dimension + 4))
         rows[:, -4:-1] = np.eye(3) / LEVER_ARM_STD
         rows[:, -1] = state.lever_arm / LEVER_ARM_STD
         return rows, 6.0 * float(np.log(LEVER_ARM_STD))
 
-    def linearized(self, state: _State) -> Information:
+    def linearized(self, state: PositionState) -> Information:
         """What the residuals, linear about a state, say of its change."""
         log_det = 2.0 * float(np.log(np.einsum("mii->mi", self.factor)).sum())
         found = Information.none(self.gauge.dimension + 3)
         found = found.absorb(*self.prior(state))
         return found.absorb(self.whitened(self.columns(state)), log_det)
 
-    def chi2(self, state: _State) -> float:
+    def chi2(self, state: PositionState) -> float:
         """What is minimised."""
         residual, _, _ = self.residual(state)
         arm = float(state.lever_arm @ state.lever_arm) / LEVER_ARM_STD**2
         return float((self.whitened(residual[..., None]) ** 2).sum()) + arm
 
-    def moved(self, state: _State, delta: Array) -> _State:
+    def moved(self, state: PositionState, delta: Array) -> PositionState:
         """The state changed by (d + 3,)."""
         step = delta[:-3].copy()
         if self.gauge.has_scale:
             step[-1] = max(step[-1], -0.9)
         alignment = self.gauge.perturb(state.alignment, self.centre, step)
-        return _State(alignment, state.lever_arm + delta[-3:])
+        return PositionState(alignment, state.lever_arm + delta[-3:])
 
 
 def position_error(
@@ -164,29 +181,19 @@ def position_error(
         raise ValueError("there are not two poses")
     if not (np.isfinite(positions).all() and np.isfinite(estimate).all()):
         raise ValueError("a pose is not finite")
-    # Coordinates of a country are large, and differences of them small.
-    origin = positions.mean(axis=0)
-    problem = _Problem(
-        origin,
-        positions - origin,
-        covariance,
-        _factors(covariance),
-        estimate,
-        gauge,
-        np.zeros(3),
-    )
-    state = _searched(problem)
+    problem = PositionProblem.of(positions, covariance, estimate, gauge)
+    state = searched(problem)
     information = problem.linearized(state)
     residual, _, _ = problem.residual(state)
     determined = _is_determined(gauge, information)
     pose = state.alignment.pose.copy()
-    pose[:3, 3] += origin
+    pose[:3, 3] += problem.origin
     return PositionError(
         information.integral() if determined else None,
         _relative(problem, state) if determined else None,
         Similarity(pose, state.alignment.scale),
         state.lever_arm,
-        origin,
+        problem.origin,
         _covariance(problem, state, information),
         residual,
         np.diff(residual, axis=0),
@@ -205,15 +212,15 @@ def _factors(covariance: Array) -> Array:
         raise
 
 
-def _searched(problem: _Problem) -> _State:
-    """Gauss and Newton's, damped as Levenberg and Marquardt's, from Umeyama's alignment."""
+def searched(problem: PositionProblem) -> PositionState:
+    """The likeliest state, from Umeyama's alignment by damped Gauss-Newton steps."""
     gauge = problem.gauge
     found = align_positions(problem.estimate[:, :3, 3], problem.positions, gauge.name)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = found.rotation, found.translation
     if gauge.dimension == 0:
         pose[:3, 3] = -problem.origin
-    state = _State(Similarity(pose, float(found.scale)), np.zeros(3))
+    state = PositionState(Similarity(pose, float(found.scale)), np.zeros(3))
     chi2, damping = problem.chi2(state), 0.0
     for _ in range(_MAX_ITERATIONS):
         information = problem.linearized(state)
@@ -247,7 +254,7 @@ def _is_determined(gauge: Gauge, information: Information) -> bool:
     return bool((std[turns] < _UNDETERMINED).all())
 
 
-def _covariance(problem: _Problem, state: _State, information: Information) -> Array:
+def _covariance(problem: PositionProblem, state: PositionState, information: Information) -> Array:
     dimension = information.dimension
     if not np.diagonal(information.root).all():
         return np.full((dimension, dimension), np.inf)
@@ -267,7 +274,7 @@ def _covariance(problem: _Problem, state: _State, information: Information) -> A
     return np.asarray(plain * np.outer(larger, larger))
 
 
-def _relative(problem: _Problem, state: _State) -> GaussianLogLikelihood:
+def _relative(problem: PositionProblem, state: PositionState) -> GaussianLogLikelihood:
     """The likelihood of the displacements, first order about a state."""
     columns = np.diff(problem.columns(state), axis=0)
     free = [place for place, free in enumerate(problem.gauge.free) if free >= 3]

@@ -77,14 +77,18 @@ def answer(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
 
     A text has a line break where one may be.
     """
-    codes = (cause["code"] for cause in summary.get("likely_causes", ()))
-    if is_misread(codes) and not summary.get("position_only"):
+    if summary.get("position_only"):
+        return [
+            *_how_good(summary, parameters),
+            *_on_positions(summary),
+            *_where(summary, parameters),
+        ]
+    if is_misread(cause["code"] for cause in summary.get("likely_causes", ())):
         text = "not told: the poses are not what they were read as, see the likely cause"
         return [*_how_good(summary, parameters), ("Kind of error", text)]
     return [
         *_how_good(summary, parameters),
         *sentences(summary.get("error_model"), _start(summary), _headline(summary).get("without")),
-        *_lever_arm(summary),
         *_where(summary, parameters),
     ]
 
@@ -180,7 +184,9 @@ def leading(model: Figures, without: Figures | None = None) -> list[tuple[str, s
 
 
 def _kind(model: Figures) -> str:
-    translation, rotation = model["translation"], model["rotation"]
+    translation, rotation = model["translation"], model.get("rotation")
+    if rotation is None:
+        return _kind_of_positions(model["model"], translation)
     jitter = f"jitter {_length(translation['jitter_std'])}, {_angle(rotation['jitter_std'])}"
     if model["model"] == "wander":
         parts = f"wander {_length(translation['wander_std'])} over"
@@ -196,6 +202,14 @@ def _kind(model: Figures) -> str:
             parts += f"\n(velocity error {_length(translation['velocity_std'], '/s')} over"
             parts += f" {_number(**translation['velocity_time'])} s)"
     return f"{jitter};\n{parts}"
+
+
+def _kind_of_positions(kind: str, translation: Figures) -> str:
+    jitter = f"jitter {_length(translation['jitter_std'])}; "
+    if kind == "wander":
+        time = _number(**translation["wander_time"])
+        return f"{jitter}wander {_length(translation['wander_std'])} over {time} s"
+    return f"{jitter}drift {_length(translation['long_run_drift'], '/√s')}"
 
 
 def _faults(model: Figures, without: Figures | None) -> str:
@@ -223,12 +237,14 @@ def _faults(model: Figures, without: Figures | None) -> str:
     return f"{', '.join(found)}: {gain:.3g} nats a pose{_better(without)}{rest}"
 
 
-def _lever_arm(summary: Figures) -> list[tuple[str, str]]:
-    """Where a ground truth without orientation is on the body, if it is known to be elsewhere."""
-    arm, without = summary.get("lever_arm"), _headline(summary).get("without")
-    if arm is None or without is None:
-        return []
-    return [("Not its fault", f"lever arm {_length(_sized(arm))}{_better(without)}")]
+def _on_positions(summary: Figures) -> list[tuple[str, str]]:
+    """Of a ground truth without orientation: where its point is on the body, if elsewhere."""
+    model, arm = summary.get("error_model"), summary.get("lever_arm")
+    without = _headline(summary).get("without")
+    found = [] if model is None else [("Kind of error", _kind(model))]
+    if arm is not None and without is not None:
+        found.append(("Not its fault", f"lever arm {_length(_sized(arm))}{_better(without)}"))
+    return found if model is None else [*found, *_correlated(model)]
 
 
 def _sized(vector: Figures) -> dict[str, float]:
@@ -300,11 +316,15 @@ def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
         size, when = change["after"] - change["before"], 0.5e-9 * (change["begin"] + change["end"])
         shown = _number(size, change["std"], 1e3)
         found.append(("Clock", f"changes by {shown} ms at {when - start:.1f} s"))
+    return [*found, *_correlated(model)]
+
+
+def _correlated(model: Figures) -> list[tuple[str, str]]:
     worst = max(abs(lag) for part in model["whiteness"].values() for lag in part)
-    if worst > WHITE:
-        text = f"errors are correlated beyond the model (by {worst:.2f}): the ± are too small"
-        found.append(("Doubt", text))
-    return found
+    if worst <= WHITE:
+        return []
+    text = f"errors are correlated beyond the model (by {worst:.2f}): the ± are too small"
+    return [("Doubt", text)]
 
 
 def applied_lines(before: Figures | None, after: Figures, names: tuple[str, ...]) -> list[str]:

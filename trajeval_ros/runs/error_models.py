@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.model import ErrorModel
-from trajeval_ros.error_model.named import named
+from trajeval_ros.error_model.named import named, named_on_positions
 from trajeval_ros.error_model.nuisances import Truth
+from trajeval_ros.error_model.positions import fit_positions
 from trajeval_ros.error_model.recorded import Recorded
 from trajeval_ros.error_model.running import Poses, RunningErrorModel
 from trajeval_ros.online.engine import Engine
@@ -126,6 +128,29 @@ def error_models(
     if run is not None:
         found["run"] = _named(run, WHOLE)
     return found
+
+
+def error_model_on_positions(
+    engine: Engine, name: str, parts: Iterable[Evaluations], *, whole: bool
+) -> Figures | None:
+    """Of a run against ground truth without orientation; arguments as of `error_models`.
+
+    None where it cannot be told. Orientations of the ground truth are not looked at.
+    """
+    offset = engine.settings.estimates[name].time_offset
+    poses = [poses_of(part, offset) for part in parts if part.sampled.any()]
+    if not poses:
+        return None
+    everything = Poses.joined(poses)
+
+    def truth(asked: npt.NDArray[np.int64]) -> Truth:
+        return engine.truth(asked, name) if whole else everything.truth.at(asked)
+
+    # As of poses: whatever the figures are aligned by, a constant offset is no kind of error.
+    gauge = engine.settings.evaluation.gauge
+    gauge = gauge if gauge.has_scale else GAUGES["se3"]
+    model = fit_positions(everything.truth.stamps, everything.estimate, truth, gauge)
+    return None if model is None else {**named_on_positions(model), "fit": WHOLE}
 
 
 def put_into(summary: Figures, models: dict[str, Figures]) -> None:

@@ -66,7 +66,7 @@ def with_headline(
         worst["rotation"] = None
     model, arm = summary.get("error_model"), summary.get("lever_arm")
     without = None
-    if model is not None:
+    if model is not None and not summary.get("position_only"):
         without = _without(model, conventional, evaluated, truth.at, settings)
     elif arm is not None and lever_arm_is_beyond_doubt(arm):
         without = _without_lever_arm(arm, evaluated, settings)

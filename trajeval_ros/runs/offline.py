@@ -18,7 +18,7 @@ from trajeval_ros import se3
 from trajeval_ros.comparison.compare import Evaluated
 from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.diagnosis.fitted import lever_arm_causes
+from trajeval_ros.diagnosis.fitted import clock_causes, lever_arm_causes
 from trajeval_ros.diagnosis.lost import lost
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.files.provenance import described
@@ -31,7 +31,7 @@ from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealt
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.whole_run import Poses, grown, whole_run
 from trajeval_ros.report import Report
-from trajeval_ros.runs.error_models import error_models, put_into
+from trajeval_ros.runs.error_models import error_model_on_positions, error_models, put_into
 from trajeval_ros.runs.far_offset import far_offset
 from trajeval_ros.runs.headline import with_headline
 from trajeval_ros.runs.latest_path import on_positions, scored
@@ -212,6 +212,17 @@ def completed(
                 own = engine.settings.estimates[name]
                 arm = lever_arm_causes(summary["lever_arm"], se3.inverse(own.from_body))
                 report.of_rows = (*report.of_rows, *arm)
+            if summary["absolute"].get("log_likelihood") is not None:
+                # Where the motion shows the alignment.
+                model = shield(
+                    "the error model",
+                    lambda: error_model_on_positions(engine, name, kept.parts, whole=whole),
+                    None,
+                    report.say,
+                )
+                if model is not None:
+                    summary["error_model"] = model
+                    report.of_rows = (*report.of_rows, *clock_causes(model, 1e-9 * offset))
         report.notices = notices_on_positions(report.notices)
     if len(kept.stamps) and not position_only:
         none: dict[str, tuple[Box, ...]] = {}
