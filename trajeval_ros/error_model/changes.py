@@ -14,8 +14,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 # What a change has to gain of chi-square, besides what the best of n places gains by chance; what
-# it has to gain over a steady rate; and how long it is at the least, s. The first is as rare as five
-# standard deviations of a Gaussian, by Student's distribution: the scatter that the standard
+# it has to gain over a steady rate; and how long it is at the least, s. The first is as rare as
+# five standard deviations of a Gaussian, by Student's distribution: the scatter that the standard
 # deviations come from is that of some forty stretches.
 _GAIN = 36.0
 _OVER_RATE = 10.0

@@ -71,14 +71,16 @@ def _fit(problem: _Problem) -> ErrorModel | None:
     nuisances, drift = problem.improved(nuisances, Kind.DRIFT, None)
     candidates = problem.candidates(nuisances, drift)
     best = max(candidates, key=lambda kind: _score(candidates[kind][1]))
-    alternatives = {kind: here.at_theta / here.count for kind, (_, here) in candidates.items()}
     nuisances, guess = problem.improved(nuisances, best, candidates[best][0])
     if not problem.enough(nuisances, near=False):
         problem.stay_near()
     nuisances, here = problem.maximum(nuisances, guess)
     if _has_run_away(here):
         return None
-    alternatives[best] = here.at_theta / here.count
+    # The others are behind by as much as they were where all three were found.
+    reached = here.at_theta / here.count
+    among = {kind: each.at_theta / each.count for kind, (_, each) in candidates.items()}
+    alternatives = {kind: reached + value - among[best] for kind, value in among.items()}
     return described(problem.kept(nuisances), nuisances, here, alternatives)
 
 
