@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import trajeval_ros as te
+from trajeval_ros import se3
 from trajeval_ros.commands import evaluate
 from trajeval_ros.commands.simulate import write_files
 
@@ -146,3 +147,42 @@ def test_a_robot_that_never_turns_has_an_orientation(tmp_path: Path) -> None:
     summary = te.evaluate(*read).summary
     assert "position_only" not in summary
     assert summary["conventional"]["ate_rotation_rmse"] is not None
+
+
+def test_the_modes_of_an_rtk_receiver_are_in_the_answer(tmp_path: Path) -> None:
+    """Fixed, float, single, fixed again: as certain as each is, at coordinates of a country."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 180.0, 0.2)
+    body = np.tile(np.eye(4), (len(t), 1, 1))
+    turn = [0.1 * np.sin(0.7 * t), 0.1 * np.cos(0.5 * t), 2.0 * np.sin(0.2 * t)]
+    way = [30.0 * np.sin(0.1 * t), 25.0 * np.sin(0.13 * t + 1.0), 1.5 * np.sin(0.2 * t)]
+    body[:, :3, :3] = se3.exp_so3(np.stack(turn, axis=1))
+    body[:, :3, 3] = np.stack(way, axis=1)
+    mode = np.digitize(t, [60.0, 90.0, 120.0])
+    std = np.array([0.02, 0.3, 5.0, 0.02])[mode]
+    far = np.array([1e7, -1e7, 100.0])
+    arm = np.array([0.3, -0.1, 0.8])
+    antenna = (body[:, :3, :3] @ arm) + body[:, :3, 3] + far
+    noise, none = std[:, None] * rng.normal(size=(len(t), 3)), np.zeros(len(t))
+    variance = std**2
+    turned = [none, none, none, none + 1.0, *[none] * 6]
+    covariance = [variance, none, none, variance, none, variance]
+    rows = np.column_stack([t + 1e9, antenna + noise, *turned, *covariance])
+    np.savetxt(tmp_path / "truth.txt", rows, fmt="%.9f")
+
+    truth = te.read_tum(tmp_path / "truth.txt")
+    estimate = te.Trajectory(truth.stamps[5:-5], body[5:-5])
+    found = te.evaluate(truth, estimate, ground_truth_use_covariance=True)
+    assert found.summary["position_only"] is True
+    error = found.poses.ground_truth[:, :3, 3] - antenna[5:-5]
+    known = found.poses.covariance[:, [0, 1, 2], [0, 1, 2]]
+    for which in range(4):
+        # Not where the mode changes: there both tell.
+        inside = np.isin(np.arange(5, len(t) - 5), np.flatnonzero(mode == which)[25:-25])
+        ratio = (error[inside] ** 2 / known[inside]).mean()
+        assert 0.5 < ratio < 1.6
+        assert 0.2 < np.sqrt(np.median(known[inside])) / std[mode == which][0] < 1.0
+    assert found.summary["relative"]["chi2_per_dof"] == pytest.approx(1.0, abs=0.3)
+    arm_found, arm_std = (np.array(found.summary["lever_arm"][key]) for key in ("value", "std"))
+    assert (np.abs(arm_found - arm) < 4.0 * arm_std).all()
+    assert arm_std.max() < 0.05
