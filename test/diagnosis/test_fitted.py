@@ -8,7 +8,15 @@ from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
 
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.diagnosis.fitted import disagree, fitted_causes, is_misread, together
+from trajeval_ros.diagnosis.fitted import (
+    disagree,
+    fitted_causes,
+    is_misread,
+    lever_arm_causes,
+    lever_arm_is_beyond_doubt,
+    shown_of_lever_arm,
+    together,
+)
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Nuisances
@@ -50,6 +58,22 @@ def test_centimetres_of_a_lever_arm_are_named_on_top_of_what_is_set():
     off = se3.log(pose @ se3.inverse(ARM @ frame))
     assert np.abs(off[:3]).max() < 0.01
     assert np.abs(off[3:]).max() < 0.01
+
+
+def test_of_a_lever_arm_that_positions_tell_the_axes_that_the_turns_show_are_said():
+    arm = {"value": [0.3, 0.4, 0.05], "std": [0.003, 0.004, 9.9]}
+    size, std, unseen = shown_of_lever_arm(arm)
+    assert (size, unseen) == (pytest.approx(0.5), ("z",))
+    assert std == pytest.approx(np.hypot(0.3 * 0.003, 0.4 * 0.004) / 0.5)
+    (cause,) = lever_arm_causes(arm, NONE)
+    assert " 0.5000 ± 0.0037 m " in cause.text
+    assert "but z, which the turns do not show" in cause.text
+    # Of what is not shown, nothing is beyond doubt, however far off it is.
+    unknown = {"value": [0.0, 0.0, 50.0], "std": [0.003, 0.004, 9.9]}
+    assert not lever_arm_is_beyond_doubt(unknown)
+    assert lever_arm_causes(unknown, NONE) == ()
+    unknown["std"] = [float("inf")] * 3
+    assert shown_of_lever_arm(unknown) == (0.0, 0.0, ("x", "y", "z"))
 
 
 def test_a_scale_is_named_but_where_it_is_free():

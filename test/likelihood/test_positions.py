@@ -196,3 +196,13 @@ def test_what_is_no_data_is_refused() -> None:
     lost[3, 1] = np.nan
     with pytest.raises(ValueError, match="not finite"):
         position_error(lost, covariance, estimate, GAUGES["se3"])
+
+
+@pytest.mark.parametrize("count", [10, 23, 29])
+def test_of_few_poses_that_drift_no_lever_arm_is_beyond_doubt(count: int) -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        positions, covariance, estimate = run(rng, count=count)
+        drift = np.cumsum(rng.normal(0.0, 0.2, (count, 3)), axis=0)
+        found = position_error(positions + drift, covariance, estimate, GAUGES["se3"])
+        assert (np.abs(found.lever_arm - ARM) < 4.5 * found.lever_arm_std).all()

@@ -98,8 +98,20 @@ def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
 
 def lever_arm_is_beyond_doubt(arm: Mapping[str, Any]) -> bool:
     """Whether the lever arm that positions alone tell differs from nothing, as `beyond_doubt`."""
-    values, stds = _of(arm)
-    return any(abs(value) > _APART * std for value, std in zip(values, stds, strict=True))
+    pairs = zip(*_of(arm), strict=True)
+    return any(abs(value) > _APART * std for value, std in pairs if std <= _SEEN["x"])
+
+
+def shown_of_lever_arm(arm: Mapping[str, Any]) -> tuple[float, float, tuple[str, ...]]:
+    """How long the lever arm that positions alone tell is, its standard deviation, m.
+
+    Of the axes that the motion shows, and the names of those that it does not.
+    """
+    values, stds = (np.array(each, dtype=np.float64) for each in _of(arm))
+    seen = stds <= _SEEN["x"]
+    size = float(np.linalg.norm(values[seen]))
+    along = float(np.linalg.norm(values[seen] * stds[seen])) / size if size > 0.0 else 0.0
+    return size, along, tuple(name for name, known in zip("xyz", seen, strict=True) if not known)
 
 
 def lever_arm_causes(arm: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
@@ -107,19 +119,21 @@ def lever_arm_causes(arm: Mapping[str, Any], applied: Array) -> tuple[Cause, ...
 
     applied: the extrinsic (4, 4), set already; the advice is the value to set.
     """
-    size = float(np.linalg.norm(arm["value"]))
+    size, std, unseen = shown_of_lever_arm(arm)
     if not lever_arm_is_beyond_doubt(arm) or size < _NEAREST:
         return ()
     shift = np.eye(4)
     shift[:3, 3] = -np.array(arm["value"])
+    of = (
+        f" along its axes but {' and '.join(unseen)}, which the turns do not show" if unseen else ""
+    )
     numbers = np.concatenate(se3.to_position_quaternion(shift @ applied))
-    std = float(np.max(arm["std"]))
-    digits = min(max(1 - math.floor(math.log10(std)), 0), 4)
+    digits = min(max(1 - math.floor(math.log10(max(std, 1e-4))), 0), 4)
     return (
         Cause(
             "lever_arm",
             f"the ground truth is of a point {size:.{digits}f} ± {std:.{digits}f} m from the"
-            " estimate's body, which its turns show",
+            f" estimate's body{of or ', which its turns show'}",
             f"set extrinsic={','.join(f'{number:.5g}' for number in numbers)}",
         ),
     )

@@ -51,7 +51,9 @@ class PositionError:
 
     The covariance is the larger of that of the ground truth's noise alone and that which the
     scatter of the scores over forty and over twenty stretches shows (White): an estimate has errors
-    of its own. Of one that drifts through the whole run it is too small all the same.
+    of its own. Of fewer than three poses for each unknown there is no such scatter, and it is that
+    of the noise times chi2 a degree of freedom. Of an estimate that drifts through the whole run it
+    is too small all the same.
 
     absolute, relative: their likelihoods; None where the motion does not determine the alignment:
     the integral over it would be of what Laplace's approximation does not hold for.
@@ -262,6 +264,9 @@ def _covariance(problem: PositionProblem, state: PositionState, information: Inf
     white = problem.whitened(problem.columns(state))
     scores = white[:, :-1] * white[:, -1:]
     larger = np.ones(dimension)
+    if len(problem.positions) // 3 <= dimension:
+        freedom = max(len(white) - dimension, 1)
+        larger = np.maximum(larger, float((white[:, -1] ** 2).sum()) / freedom)
     for wanted in _STRETCHES:
         stretches = min(wanted, len(problem.positions) // 3)
         if stretches <= dimension:

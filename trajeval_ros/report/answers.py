@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree, is_misread
+from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree, is_misread, shown_of_lever_arm
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 from trajeval_ros.report import covered
 from trajeval_ros.report.after_closure import after_closure
@@ -243,7 +243,10 @@ def _on_positions(summary: Figures) -> list[tuple[str, str]]:
     without = _headline(summary).get("without")
     found = [] if model is None else [("Kind of error", _kind(model))]
     if arm is not None and without is not None:
-        found.append(("Not its fault", f"lever arm {_length(_sized(arm))}{_better(without)}"))
+        size, std, unseen = shown_of_lever_arm(arm)
+        text = f"lever arm {_length({'value': size, 'std': std})}"
+        text += f" ({', '.join(unseen)}: the motion does not show it)" if unseen else ""
+        found.append(("Not its fault", f"{text}{_better(without)}"))
     return found if model is None else [*found, *_correlated(model)]
 
 
