@@ -242,6 +242,11 @@ class Screen:
         found = np.zeros(new, dtype=np.bool_)
         if len(samples) < _FEWEST_STEPS + 3:
             return found
+        least = _TIMES_ACCURACY * self._accuracy[0]
+        newest = _changes(samples.poses[-new - 5 :, :3, 3], intervals[-new - 4 :])
+        last = np.maximum(np.maximum(newest[:-3], newest[1:-2]), newest[2:-1])
+        if not (newest[3:] > np.maximum(_TIMES_LAST * last, least)).any():  # mostly
+            return found
         change = np.zeros(len(intervals))
         change[1:] = _changes(samples.poses[:, :3, 3], intervals)
         # Of 33 samples there are 31 changes, and the first is of the two before it.
@@ -250,8 +255,7 @@ class Screen:
         windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_CHANGES)[-new:]
         usual, last = _usual(windows[:, None])
         limit = np.maximum(_TIMES_USUAL * usual[:, 0], _TIMES_LAST * last[:, 0])
-        found = change[-new:] > np.maximum(limit, _TIMES_ACCURACY * self._accuracy[0])
-        return np.asarray(found)
+        return np.asarray(change[-new:] > np.maximum(limit, least))
 
     def _motion(self) -> tuple[Array, Array, float]:
         """The usual step (2,), the twist of the last samples (6,), the usual interval (s)."""
