@@ -186,3 +186,20 @@ def test_the_modes_of_an_rtk_receiver_are_in_the_answer(tmp_path: Path) -> None:
     arm_found, arm_std = (np.array(found.summary["lever_arm"][key]) for key in ("value", "std"))
     assert (np.abs(arm_found - arm) < 4.0 * arm_std).all()
     assert arm_std.max() < 0.05
+
+
+DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
+RECORDED = DATA / "rover_georeferenced" / "groundtruth.txt"
+
+
+@pytest.mark.skipif(not RECORDED.is_file(), reason="../shared/data is absent")
+def test_a_recorded_run_is_itself_without_its_orientations(tmp_path: Path) -> None:
+    """In UTM, against its own positions: no lever arm, no offset of the clock, no cause."""
+    rows = [line.split()[:4] for line in RECORDED.read_text().splitlines() if line[0] != "#"]
+    (tmp_path / "truth.txt").write_text("\n".join(" ".join(row) for row in rows) + "\n")
+    found = te.evaluate(te.read_tum(tmp_path / "truth.txt"), te.read_tum(RECORDED))
+    assert found.summary["position_only"] is True
+    assert found.causes == ()
+    assert found.summary["conventional"]["ate_translation_rmse"] < 1e-3
+    assert np.linalg.norm(found.summary["lever_arm"]["value"]) < 1e-3
+    assert abs(found.summary["error_model"]["clock_offset"]["value"]) < 1e-3
