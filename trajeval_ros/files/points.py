@@ -3,7 +3,8 @@
 """Messages with a position and no orientation: PointStamped, NavSatFix.
 
 A fix becomes metres east, north and up of the first one, on the WGS 84 ellipsoid, by pyproj; its
-covariance is the message's (REP 145: east, north, up). What has no fix is no position.
+covariance is the message's (REP 145: east, north, up). What has no fix, or is on no place of the
+Earth, is no position.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ PYPROJ_IS_MISSING = (
 # sensor_msgs/NavSatStatus and NavSatFix.
 _NO_FIX = -1
 _COVARIANCE_UNKNOWN = 0
+# Longitude, latitude (degrees; longitudes to 360, too) and altitude (m; above all satellites).
+_FURTHEST = (360.0, 90.0, 1e8)
 
 _ToEastNorthUp = Callable[[float, float, float], tuple[float, float, float]]
 
@@ -65,7 +68,9 @@ class Points:
             return Point(stamp, position, header.frame_id, None)
         values = (message.longitude, message.latitude, message.altitude)
         nothing = (math.nan, math.nan, math.nan)
-        if message.status.status <= _NO_FIX or not all(map(math.isfinite, values)):
+        # Of one that is not a number this is not so either.
+        is_on_earth = all(abs(each) <= most for each, most in zip(values, _FURTHEST, strict=True))
+        if message.status.status <= _NO_FIX or not is_on_earth:
             return Point(stamp, nothing, header.frame_id, None)
         if self._to_metres is None:
             self._to_metres = _about(*values)
