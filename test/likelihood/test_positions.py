@@ -174,6 +174,23 @@ def test_an_alignment_that_the_motion_does_not_show_has_no_likelihood(poses: Arr
     assert found.lever_arm_std.max() > 1.0
 
 
+@pytest.mark.parametrize("gauge", ["se3", "yaw_translation", "sim3"])
+def test_on_the_spot_the_noise_of_the_estimate_shows_no_lever_arm(gauge: str) -> None:
+    rng = np.random.default_rng(0)
+    count, std = 600, 1e-3
+    poses = still(count)
+    turn = np.zeros((count, 3))
+    turn[:, 2] = np.linspace(0.0, 30.0, count)
+    poses[:, :3, :3] = se3.exp_so3(turn)
+    antenna = poses[:, :3, :3] @ np.array([0.3, 0.0, 0.0]) + rng.normal(0.0, std, (count, 3))
+    poses[:, :3, 3] += rng.normal(0.0, std, (count, 3))
+    covariance = np.tile(std**2 * np.eye(3), (count, 1, 1))
+    assert not position_error(antenna, covariance, poses, GAUGES[gauge]).shows_lever_arm
+    poses[:, :2, 3] += rng.normal(0.0, 0.1, (count, 2))
+    antenna[:, :2] += poses[:, :2, 3]
+    assert position_error(antenna, covariance, poses, GAUGES[gauge]).shows_lever_arm
+
+
 def test_on_a_straight_line_without_a_free_rotation_there_is_one() -> None:
     poses = straight()
     covariance = np.tile(1e-6 * np.eye(3), (len(poses), 1, 1))

@@ -42,6 +42,8 @@ _MAX_ITERATIONS = 50
 _GAIN, _GAIN_SHARE = 1e-9, 1e-14
 # What is known no better than this, rad or 1, is not determined.
 _UNDETERMINED = 0.3
+# The motion that shows a rotation is larger than the errors by this factor, per axis.
+_SHOWN = 1.5
 _STRETCHES = (40, 20)
 
 
@@ -59,6 +61,9 @@ class PositionError:
     the integral over it would be of what Laplace's approximation does not hold for.
     alignment: g*. lever_arm: l*, (3,), m, in the body's frame. covariance: of the gauge's freedoms,
     about ``centre``, and of l, (d + 3, d + 3).
+    shows_lever_arm: whether l is what it seems. The likelihood takes the estimate's own motion to
+    be exact; where that is no larger than the errors, it is noise that turns the alignment, and l
+    with it.
     residual: r(g*, l*), (M, 3), world axes. step_residual: its differences, (M - 1, 3).
     """
 
@@ -68,6 +73,7 @@ class PositionError:
     lever_arm: Array
     centre: Array
     covariance: Array
+    shows_lever_arm: bool
     residual: Array
     step_residual: Array
 
@@ -197,6 +203,7 @@ def position_error(
         state.lever_arm,
         problem.origin,
         _covariance(problem, state, information),
+        determined and _is_shown(problem, state),
         residual,
         np.diff(residual, axis=0),
     )
@@ -254,6 +261,20 @@ def _is_determined(gauge: Gauge, information: Information) -> bool:
     std = np.sqrt(np.diagonal(information.covariance()))
     turns = [place for place, free in enumerate(gauge.free) if free >= 3]
     return bool((std[turns] < _UNDETERMINED).all())
+
+
+def _is_shown(problem: PositionProblem, state: PositionState) -> bool:
+    """Whether the body moves by more than the errors along what shows the free rotations."""
+    gauge = problem.gauge
+    if not any(free >= 3 for free in gauge.free):
+        return True
+    residual, aligned, _ = problem.residual(state)
+    # A turn about the vertical shows along one horizontal axis, any turn along two.
+    body, place = (
+        (aligned[:, :2, 3], 0) if gauge.name == "yaw_translation" else (aligned[:, :3, 3], 1)
+    )
+    extent = np.linalg.svd(body - body.mean(axis=0), compute_uv=False)[place]
+    return bool(extent >= _SHOWN * np.linalg.norm(residual) / np.sqrt(3.0))
 
 
 def _covariance(problem: PositionProblem, state: PositionState, information: Information) -> Array:

@@ -117,7 +117,7 @@ def with_positions(summary: Figures, poses: Poses, settings: EvaluationSettings)
     """The summary `without_orientation` with what the positions of evaluated poses tell.
 
     Of the run and of its last `window`; ``lever_arm``: where the ground truth's point is in the
-    estimate's body.
+    estimate's body; None where the motion does not show it.
     """
     result = {**summary, "lever_arm": None}
     if len(poses.stamps) < 2:
@@ -127,8 +127,9 @@ def with_positions(summary: Figures, poses: Poses, settings: EvaluationSettings)
     result["relative"] = {**summary["relative"], **_relative(found, count)}
     result["absolute"] = {**summary["absolute"], **_absolute(found, count, settings)}
     result["absolute"]["alignment"] = alignment_figures(found.alignment, None, settings.gauge)
-    arm, std = found.lever_arm, found.lever_arm_std
-    result["lever_arm"] = {"value": arm.tolist(), "std": std.tolist()}
+    if found.shows_lever_arm:
+        arm, std = found.lever_arm, found.lever_arm_std
+        result["lever_arm"] = {"value": arm.tolist(), "std": std.tolist()}
     newest = poses.stamps >= poses.stamps[-1] - settings.window
     if summary.get("window") and newest.sum() > 1:
         some = _error(poses.where(newest), settings)
