@@ -143,3 +143,25 @@ def test_a_session_writes_it_and_it_can_be_computed_again(tmp_path: Path) -> Non
     place = np.searchsorted(written.stamps, rows["stamp_ns"])
     again = align_positions(written.positions[place], known, "se3").rmse
     assert found["ate_translation_rmse"] == pytest.approx(again, rel=1e-6, abs=1e-9)
+
+
+def test_against_positions_alone_a_session_has_its_positions_alone() -> None:
+    stamps, truth, drifted = run(200)
+    sources = {"ground truth": "/prism", "estimate": "/path"}
+    session = Session(complete({"gp.hyperparameters": "fixed"}), sources)
+    session.note_without_orientation(0)
+    session.take_path(1, PoseSamples(stamps, *se3.to_position_quaternion(drifted)))
+    positions, turned = se3.to_position_quaternion(truth)
+    unturned = np.tile([0.0, 0.0, 0.0, 1.0], (len(turned), 1))
+    session.feed(
+        PoseSamples(stamps, positions, unturned),
+        PoseSamples(stamps, *se3.to_position_quaternion(drifted)),
+    )
+    session.finish_all()
+    assert session.score_latest_paths()
+    found = session.latest_path_of()
+    assert found is not None
+    for figures in (found, found["online"]):
+        assert figures["ate_translation_rmse"] > 0.0
+        for name in ("ate_rotation_rmse", "re_translation_rmse", "re_rotation_rmse"):
+            assert figures[name] is None

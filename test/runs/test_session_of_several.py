@@ -221,3 +221,19 @@ def test_a_run_of_any_length_is_compared_in_bounded_memory():
         fields = {f: getattr(found, f) for f in found.__dataclass_fields__}
         kept.add(type(found)(**{**fields, "stamps": found.stamps + shift}))
         assert sum(map(len, kept._kept)) <= 200
+
+
+def test_positions_alone_are_compared_by_positions_alone(two, monkeypatch):
+    looked_at = []
+    monkeypatch.setattr(
+        "trajeval_ros.runs.session.causes_of_all", lambda each: looked_at.extend(each) or ()
+    )
+    run = session()
+    run.note_without_orientation(0)
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.finish_all()
+    (pair,) = run.comparisons()
+    assert pair.ate_translation is not None
+    assert (pair.ate_rotation, pair.re_translation, pair.re_rotation) == (None, None, None)
+    run.causes_of_all()
+    assert looked_at == []

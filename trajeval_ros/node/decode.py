@@ -83,8 +83,9 @@ class Decoded:
     child_frame: str
     undecodable: int
     latest_path: PoseSamples | None = None
-    has_orientation: bool = True
     """The whole trajectory that the messages bring with them."""
+    has_orientation: bool = True
+    """Whether the quaternions are the messages'; else they are 0 0 0 1."""
 
 
 @dataclass(frozen=True, slots=True)

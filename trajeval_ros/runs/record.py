@@ -15,7 +15,7 @@ from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Results
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import LiveErrorModels, put_into
-from trajeval_ros.runs.latest_path import LatestPath
+from trajeval_ros.runs.latest_path import LatestPath, on_positions
 from trajeval_ros.wall import shield
 
 
@@ -110,7 +110,8 @@ class Record:
     @property
     def of_latest_path(self) -> dict[str, Any] | None:
         """The figures of the latest whole trajectory, as far as it has been scored."""
-        return None if self.latest_path is None else self.latest_path.figures
+        figures = None if self.latest_path is None else self.latest_path.figures
+        return on_positions(figures) if self.report.lacks_orientation else figures
 
     def look_for_causes(self, evaluated: int, *, again: bool = False) -> None:
         """Look at the run so far, if more has been ``evaluated`` since, or ``again``."""

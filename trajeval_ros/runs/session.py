@@ -39,7 +39,11 @@ from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import render_several
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
-from trajeval_ros.runs.position_only import results_on_positions, without_orientation
+from trajeval_ros.runs.position_only import (
+    comparisons_on_positions,
+    results_on_positions,
+    without_orientation,
+)
 from trajeval_ros.runs.record import Record
 from trajeval_ros.runs.several import (
     NewestPoses,
@@ -233,9 +237,12 @@ class Session:
         ``method``: where the intervals come from; the best that is installed where None.
         """
         settings = self.engine.settings.evaluation
+        known = {name: {"position_only": self.is_position_only(name)} for name in self.names}
         return shield(
             "the comparison",
-            lambda: newest_compared(self._newest, settings, method),
+            lambda: comparisons_on_positions(
+                newest_compared(self._newest, settings, method), known
+            ),
             (),
             self.say,
         )
@@ -245,7 +252,13 @@ class Session:
         none: tuple[Cause, ...] = ()
         return shield(
             "the search for likely causes",
-            lambda: causes_of_all([one.evaluated() for one in self._newest]),
+            lambda: causes_of_all(
+                [
+                    one.evaluated()
+                    for name, one in zip(self.names, self._newest, strict=False)
+                    if not self.is_position_only(name)
+                ]
+            ),
             none,
             self.say,
         )
