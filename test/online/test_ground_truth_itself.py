@@ -231,3 +231,17 @@ def test_batches_do_not_matter(fault):
     for name in ("relative", "absolute"):
         expected = pytest.approx(second[name]["log_likelihood"], rel=1e-9)
         assert first[name]["log_likelihood"] == expected
+
+
+def test_a_small_jump_of_the_origin_is_cut_and_left_where_it_is():
+    """So that figures are of the samples as they are; against themselves there is no error."""
+    rng = np.random.default_rng(5)
+    profile = Profile(rng, ("drive", 40))
+    times = times_of(profile, 100)
+    poses = noisy(rng, profile.at(times), 5e-4, 0.02 * DEGREE)
+    poses = moved_from(20.0, [0.1, 0.0, 0.1])(rng, times, poses)
+    summary, stamps, given = run(samples(times, poses), samples(times, poses))
+    (found,) = summary["ground_truth"]["faults"]
+    assert (found["code"], found["count"]) == ("origin_jump", 1)
+    assert "(0.14 m)" in found["text"]
+    assert summary["conventional"]["ate_translation_rmse"] < 2e-3

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 EXPLANATIONS = {
     "outliers": "samples far from those before and after them, left out",
     "flip": "turns no body makes, as where it was taken for another: left out or turned back",
-    "origin_jump": "jumps no body makes, from where the poses go on: cut there, and moved back",
+    "origin_jump": "jumps no body makes, from where the poses go on: cut there (large ones are"
+    " moved back)",
     "frozen": "samples that repeat the one before while the body moves on, left out",
     "stamp_bursts": "samples stamped close together after a late one: stamps of their arrival",
     "stamps_late": "samples of a regular clock stamped late",

@@ -9,7 +9,8 @@ it while the body moves. It is then held back, with those after it, until a few 
 - they stay with it, turned on the spot as no body can: another body was taken for it, and what
   follows is turned back;
 - they stay with it, and no body could have moved so fast: the origin has jumped. There the samples
-  are cut, and what follows is moved back to where the motion, from both sides, goes on;
+  are cut, and after a large jump what follows is moved back to where the motion, from both sides,
+  goes on;
 - otherwise it was motion.
 
 What is decided is a function of the samples alone, however they were cut into batches.
@@ -36,6 +37,9 @@ _USUAL_CHANGES = _USUAL_STEPS - 2
 # A step is suspicious beyond so many times the usual one, and so many times the largest of the last
 # few, and this many times the instrument's accuracy.
 _TIMES_USUAL = 8.0
+# m, rad: a smaller jump of the origin is a cut and no more. A batch estimator's ground truth has
+# such ones, and its users expect the figures of the samples as they are.
+_LEAST_JUMP, _LEAST_TURN = 0.25, np.radians(5.0)
 _TIMES_LAST = 3.0
 _TIMES_ACCURACY = 10.0
 # So long (s), and so many samples at least and at most, are looked ahead.
@@ -351,7 +355,7 @@ class Screen:
         )
 
     def _moved_back(self, pending: Samples, turned: bool) -> Samples:
-        """Move the samples to where the motion goes on, those to come as well.
+        """Move the samples to where the motion goes on, those to come as well, if it is far.
 
         If they are not ``turned``, the position alone: what is off the orientation by noise would
         be off the position by metres further on.
@@ -381,6 +385,8 @@ class Screen:
         moved = np.linalg.norm(here[:3, 3] - (back @ here)[:3, 3])
         angle = np.linalg.norm(se3.log_so3(back[:3, :3]))
         self._faults.jumped(stamp, float(moved), float(angle))
+        if moved < _LEAST_JUMP and angle < _LEAST_TURN:
+            return pending
         self._back = back @ self._back
         return replace(pending, poses=back @ pending.poses)
 
