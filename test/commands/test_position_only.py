@@ -203,3 +203,11 @@ def test_a_recorded_run_is_itself_without_its_orientations(tmp_path: Path) -> No
     assert found.summary["conventional"]["ate_translation_rmse"] < 1e-3
     assert np.linalg.norm(found.summary["lever_arm"]["value"]) < 1e-3
     assert abs(found.summary["error_model"]["clock_offset"]["value"]) < 1e-3
+
+
+def test_one_pose_without_orientation_does_not_align_a_run(
+    run: tuple[Path, Path], tmp_path: Path, capsys: Any
+) -> None:
+    truth = rewritten(run[0], tmp_path / "truth.txt", lambda row: row[:4])
+    assert evaluate.main(["tum", truth, str(run[1]), "--align-origin", "--quiet"]) != 0
+    assert "positions alone do not say how to turn an estimate" in capsys.readouterr().err

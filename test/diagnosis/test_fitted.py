@@ -68,6 +68,7 @@ def test_of_a_lever_arm_that_positions_tell_the_axes_that_the_turns_show_are_sai
     (cause,) = lever_arm_causes(arm, NONE)
     assert " 0.5000 ± 0.0037 m " in cause.text
     assert "but z, which the turns do not show" in cause.text
+    assert cause.advice.startswith("set extrinsic=-0.3,-0.4,0,")
     # Of what is not shown, nothing is beyond doubt, however far off it is.
     unknown = {"value": [0.0, 0.0, 50.0], "std": [0.003, 0.004, 9.9]}
     assert not lever_arm_is_beyond_doubt(unknown)

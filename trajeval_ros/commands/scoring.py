@@ -240,6 +240,8 @@ def _aligned_at_the_origin(
         if len(poses) == 0:
             _require_poses(found[name], estimate)
             raise CommandError(f"--align-origin: every pose of {name} lies in a gap")
+        if found[name].summary.get("position_only"):
+            raise CommandError("--align-origin: positions alone do not say how to turn an estimate")
         origin = poses.ground_truth[0] @ se3.inverse(poses.estimate[0])
         estimates.append(moved(estimate, origin))
     remark = "each estimate is laid on the ground truth at its first pose, and not aligned besides"

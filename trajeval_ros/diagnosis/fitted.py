@@ -114,6 +114,12 @@ def shown_of_lever_arm(arm: Mapping[str, Any]) -> tuple[float, float, tuple[str,
     return size, along, tuple(name for name, known in zip("xyz", seen, strict=True) if not known)
 
 
+def lever_arm_to_set(arm: Mapping[str, Any]) -> Array:
+    """The lever arm that positions alone tell, (3,), m; zero along axes that are not shown."""
+    values, stds = (np.array(each, dtype=np.float64) for each in _of(arm))
+    return np.where(stds <= _SEEN["x"], values, 0.0)
+
+
 def lever_arm_causes(arm: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
     """Return what positions alone say of where their point is on the estimate's body.
 
@@ -123,7 +129,7 @@ def lever_arm_causes(arm: Mapping[str, Any], applied: Array) -> tuple[Cause, ...
     if not lever_arm_is_beyond_doubt(arm) or size < _NEAREST:
         return ()
     shift = np.eye(4)
-    shift[:3, 3] = -np.array(arm["value"])
+    shift[:3, 3] = -lever_arm_to_set(arm)
     of = (
         f" along its axes but {' and '.join(unseen)}, which the turns do not show" if unseen else ""
     )

@@ -20,7 +20,11 @@ from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.errors import Errors, errors_of, steps
 from trajeval_ros.comparison.interval import interval_of
 from trajeval_ros.conventional.running import RunningConventional
-from trajeval_ros.diagnosis.fitted import beyond_doubt, lever_arm_is_beyond_doubt
+from trajeval_ros.diagnosis.fitted import (
+    beyond_doubt,
+    lever_arm_is_beyond_doubt,
+    lever_arm_to_set,
+)
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
@@ -145,7 +149,7 @@ def _without_lever_arm(
 ) -> Figures:
     """The conventional figures of positions once the lever arm is put right."""
     to_antenna = np.eye(4)
-    to_antenna[:3, 3] = arm["value"]
+    to_antenna[:3, 3] = lever_arm_to_set(arm)
     found = _conventional(
         evaluated.stamps, evaluated.ground_truth, evaluated.estimate @ to_antenna, settings
     )
