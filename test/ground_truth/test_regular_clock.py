@@ -192,3 +192,28 @@ def test_memory_is_bounded():
         assert len(clock._pending) < 200
         assert len(clock._corners) <= 32
         assert len(clock._recent) <= 4
+
+
+@pytest.mark.parametrize("pause", [2.0, 30.0, 600.0])
+@pytest.mark.parametrize("phase", [-0.3, 0.5])
+@pytest.mark.parametrize("chunk", [1000, 7])
+def test_an_instrument_that_was_started_again_has_other_ticks(pause, phase, chunk):
+    rng = np.random.default_rng(4)
+    ticks = 0.1 * np.arange(600)
+    again = ticks[-1] + pause + 0.1 * (1.0 + phase) + ticks
+    ticks, seconds = seen_late(rng, np.concatenate([ticks, again]), 0.01)
+    clock, regular = followed(to_stamps(seconds), chunk)
+    assert clock.period == pytest.approx(0.1, rel=1e-4)
+    early = (regular - START) * 1e-9 - ticks
+    # Those of the ticks before would be 20 to 80 ms early, for many seconds.
+    assert early[600:].min() > -0.015
+    assert np.abs(early[-200:]).max() < 0.005
+
+
+@pytest.mark.parametrize("pause", [2.0, 30.0, 600.0])
+def test_after_a_pause_the_ticks_go_on(pause):
+    rng = np.random.default_rng(4)
+    ticks = 0.1 * np.arange(600)
+    ticks, seconds = seen_late(rng, np.concatenate([ticks, ticks[-1] + pause + ticks]), 0.01)
+    _, regular = followed(to_stamps(seconds))
+    assert np.abs(off(regular, ticks)[600:]).max() < 0.008

@@ -289,6 +289,7 @@ class RegularClock:
         self._line: Line | None = None
         self._base = 0  # the stamp that lines count from
         self._last: int | None = None  # the newest stamp that was given
+        self._before: int | None = None  # the stamp before the pending ones
         self._begun = False
         self._newest: deque[Sums] = deque(maxlen=_HELD_TO)
         self._pause = self._paused = 0
@@ -325,10 +326,30 @@ class RegularClock:
             taken = min(room, ready)
             if not taken:
                 break
+            gaps = np.flatnonzero(np.diff(self._pending[:taken]) > LOOK_AHEAD) + 1
+            taken = int(gaps[0]) if len(gaps) else taken
+            if self._has_started_over():
+                self._block, self._recent = [], []
+                self._draw(self._pending[:0])
+                continue
             found.append(self._take(taken))
             if taken == room:
                 self._complete()
         return _timed(found)
+
+    def _has_started_over(self) -> bool:
+        """Whether the pending stamps follow a gap and are of other ticks than the line's.
+
+        As of an instrument that was started again. If the delays are exponential, the least of m
+        exceeds x with the probability exp(-m x / mean).
+        """
+        line, first = self._line, int(self._pending[0])
+        if line is None or self._before is None or first - self._before <= LOOK_AHEAD:
+            return False
+        end = int(np.searchsorted(self._pending, first + LOOK_AHEAD, side="right"))
+        seconds = _seconds(self._pending[:end], self._base)
+        delays = seconds - line.at(line.assigned(seconds, end))
+        return end * float(delays.min()) * self.sums.count > _TOLD * self.sums.delay > 0.0
 
     def _begin(self, final: bool) -> None:
         """Draw the first line, when there are enough stamps."""
@@ -375,6 +396,7 @@ class RegularClock:
         elif self._last is not None:
             regular = np.maximum(stamps, self._last + 1 + np.arange(count))
         self._last = int(regular[-1])
+        self._before = int(stamps[-1])
         self._block.append((stamps, counts))
         self._pending = self._pending[count:]
         return Timed(stamps, regular)
