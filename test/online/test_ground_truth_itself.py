@@ -240,7 +240,7 @@ def test_a_small_jump_of_the_origin_is_cut_and_left_where_it_is():
     times = times_of(profile, 100)
     poses = noisy(rng, profile.at(times), 5e-4, 0.02 * DEGREE)
     poses = moved_from(20.0, [0.1, 0.0, 0.1])(rng, times, poses)
-    summary, stamps, given = run(samples(times, poses), samples(times, poses))
+    summary, _, _ = run(samples(times, poses), samples(times, poses))
     (found,) = summary["ground_truth"]["faults"]
     assert (found["code"], found["count"]) == ("origin_jump", 1)
     assert "(0.14" in found["text"]
