@@ -43,12 +43,18 @@ def positions(*fixes: tuple[float, float, float]) -> np.ndarray:
         (47.0, 8.0, 1e300),
         (47.0, 8.0, math.nan),
         (math.inf, 8.0, 0.0),
+        (0.0, 0.0, 0.0),
     ],
 )
 def test_what_is_on_no_place_of_the_earth_is_no_position_and_no_origin(wrong: tuple) -> None:
     found = positions(wrong, (47.0, 8.0, 400.0), wrong, (47.00001, 8.0, 400.0))
     assert np.isnan(found[[0, 2]]).all()
     np.testing.assert_allclose(found[[1, 3]], [[0, 0, 0], [0, 1.1117, 0]], atol=1e-3)
+
+
+def test_where_the_equator_and_greenwich_meet_there_are_places() -> None:
+    found = positions((0.0, 0.0, 1.0), (0.0, 0.0, 3.0))
+    np.testing.assert_allclose(found, [[0, 0, 0], [0, 0, 2]], atol=1e-6)
 
 
 def test_across_the_antimeridian_and_the_pole_metres_go_on() -> None:

@@ -70,7 +70,8 @@ class Points:
         nothing = (math.nan, math.nan, math.nan)
         # Of one that is not a number this is not so either.
         is_on_earth = all(abs(each) <= most for each, most in zip(values, _FURTHEST, strict=True))
-        if message.status.status <= _NO_FIX or not is_on_earth:
+        # A message that nobody has filled in is all zero, in ROS 1 its status, that of a fix, too.
+        if message.status.status <= _NO_FIX or not is_on_earth or not any(values):
             return Point(stamp, nothing, header.frame_id, None)
         if self._to_metres is None:
             self._to_metres = _about(*values)

@@ -242,8 +242,17 @@ def completed(
         put_into(summary, models)
         report.model = models.get("run")
     if len(kept.stamps) and estimate.latest_path is not None:
-        own, settings = engine.settings.estimates[name], engine.settings.evaluation
-        found = scored(estimate.latest_path, kept.parts, settings, own)
+        own, settings, latest = (
+            engine.settings.estimates[name],
+            engine.settings.evaluation,
+            estimate.latest_path,
+        )
+        found = shield(
+            "the latest path",
+            lambda: scored(latest, kept.parts, settings, own),
+            None,
+            report.say,
+        )
         summary["latest_path"] = on_positions(found) if position_only else found
     if len(kept.stamps):
         start = min(int(truth.stamps.min()), int(estimate.stamps.min()) + offset)
