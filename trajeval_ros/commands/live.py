@@ -117,10 +117,11 @@ class State:
         return min(max((self.stamp - self.first) / (self.last - self.first), 0.0), 1.0)
 
     def figure(self, status: str, *keys: str, of: str = "") -> float | None:
-        """Return the first of the figures that is there; ``of`` one of several estimates."""
+        """Return the first of the figures that is there and finite; ``of`` one of several."""
         figures = self.metrics.get(f"{of}: {status}" if of else status, {})
         found = (figures.get(key) for key in keys)
-        return next((value for value in found if isinstance(value, float)), None)
+        numbers = (value for value in found if isinstance(value, float))
+        return next((value for value in numbers if math.isfinite(value)), None)
 
     def remember(self, name: str, value: float | None) -> None:
         """Append to a trend."""

@@ -56,6 +56,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--host",
+        type=_host,
         default="127.0.0.1",
         metavar="ADDRESS",
         help="to listen at; 0.0.0.0: everybody in the network can read it, without a password"
@@ -68,6 +69,13 @@ def _node(text: str) -> str:
     if not _NAME.fullmatch(text):
         raise argparse.ArgumentTypeError(f"not the name of a node: {text!r}")
     return f"/{text.lstrip('/')}"
+
+
+def _host(text: str) -> str:
+    # The library would listen at every address there is.
+    if not text.strip():
+        raise argparse.ArgumentTypeError("no address; 0.0.0.0 is every one there is")
+    return text
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -124,6 +132,8 @@ async def _serve(listener: Any, page: Any, arguments: argparse.Namespace, enough
         address = await page.start(host, port)
     except OSError as error:
         raise console.CommandError(_refused(host, port, error)) from error
+    except UnicodeError as error:
+        raise console.CommandError(f"not the name of a host: {host!r}") from error
     print(f"Watching {arguments.node} at {address.url}", flush=True)
     if address.is_local:
         print("For this machine alone; Ctrl-C ends it.", flush=True)

@@ -97,6 +97,39 @@ def test_a_path_stands_beside_the_ground_truth_at_its_stamps() -> None:
     np.testing.assert_allclose(sections["path/other"]["error"], 0.0, atol=1e-9)
 
 
+def test_what_is_not_finite_is_not_drawn() -> None:
+    watched = Watched("/evaluator")
+    watched.take_metrics(START, metrics(0.1))
+    positions = np.arange(12.0).reshape(4, 3)
+    bad = positions.copy()
+    bad[1, 0], bad[2, 2] = np.nan, np.inf
+    stamps = [START + number * SECOND for number in range(4)]
+    for name in (GROUND_TRUTH, "estimate"):
+        watched.take_path(name, bad, stamps)
+    watched.take_path("estimate", np.full((1, 3), np.nan), stamps[:1])
+    sections = shown(watched)["sections"]
+    assert sections["path/estimate"]["seconds"] == [0.0, 3.0]
+    assert sections["path/ground_truth"]["positions"] == positions[[0, 3]].ravel().tolist()
+
+
+@pytest.mark.parametrize("text", ["nan", "-inf", "", "no number"])
+def test_a_figure_that_is_no_number_is_a_dash(text: str) -> None:
+    watched = Watched("/evaluator")
+    conventional = {"ate_translation_rmse": text, "re_delta": text, "re_translation_rmse": "0.25"}
+    coverage = {"time": text, "duration": text}
+    window = {"duration": text, "absolute_noise_equivalent_translation_std": text}
+    watched.take_metrics(
+        START, {"conventional": conventional, "coverage": coverage, "window": window}
+    )
+    message = shown(watched)
+    section = message["sections"]["estimate/estimate"]
+    assert [tile["value"] for tile in section["tiles"]] == ["–", "25 cm", "–", "–"]
+    assert section["figures"]["conventional"]["ate_translation_rmse"] == text
+    curves = message["curves"]["figures/estimate"]
+    row = dict(zip(curves["columns"], curves["rows"][0], strict=True))
+    assert (row["ate_translation"], row["re_translation"]) == (None, 0.25)
+
+
 def test_a_run_that_began_earlier_is_told_anew_from_there() -> None:
     watched = Watched("/evaluator")
     feed = Feed(watched)

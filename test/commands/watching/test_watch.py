@@ -318,13 +318,20 @@ def test_a_port_that_is_taken_is_one_line_and_it_says_who_can_read_it(graph: Gra
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--port", "70000"], ["--node", "a b"], ["--node", ""], ["--port", "x"]]
+    "arguments",
+    [["--port", "70000"], ["--node", "a b"], ["--node", ""], ["--port", "x"], ["--host", ""]],
 )
 def test_wrong_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         watch.main(arguments)
     assert ended.value.code == 2
     assert capsys.readouterr().err.startswith("usage: watch")
+
+
+def test_a_host_that_cannot_be_one_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("aiohttp", reason="aiohttp is not installed")
+    assert watch.main(["--host", "a..b", "--port", "0"]) == 1
+    assert capsys.readouterr().err == "watch: error: not the name of a host: 'a..b'\n"
 
 
 def test_without_the_library_one_line(

@@ -231,6 +231,10 @@ class Listener:
         if poses:
             estimate.heard = now
             covariances = np.array([pose.pose.covariance for pose in poses]).reshape(-1, 6, 6)
+            # Of what is not finite there are no eigenvalues, nor of all that came with it.
+            finite = np.isfinite(covariances).all(axis=(1, 2))
+            poses = [pose for pose, is_finite in zip(poses, finite, strict=True) if is_finite]
+            covariances = covariances[finite]
             bands = [
                 2.0 * np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[:, part, part])[:, -1], 0))
                 for part in (slice(3), slice(3, 6))

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -149,10 +150,14 @@ class Watched:
             self._estimates[name].errors.add((self._seconds(stamp), *values))
 
     def take_path(self, name: str, path: npt.NDArray[np.float64], stamps: Sequence[int]) -> None:
-        """Take in positions (n, 3) at stamps (n,), of an estimate or `GROUND_TRUTH`."""
-        if len(path):
-            seconds = [self._seconds(stamp) for stamp in stamps]
-            self._paths[name] = np.column_stack([seconds, path])
+        """Take in positions (n, 3) at stamps (n,), of an estimate or `GROUND_TRUTH`.
+
+        One that is not finite is left out: it cannot be drawn, and JSON has no such number.
+        """
+        finite = np.isfinite(path).all(axis=1)
+        if finite.any():
+            seconds = [self._seconds(stamps[k]) for k in np.flatnonzero(finite).tolist()]
+            self._paths[name] = np.column_stack([seconds, path[finite]])
             self._versions[f"path/{name}"] += 1
 
     def take_comparison(self, sentences: Mapping[str, str]) -> None:
@@ -242,7 +247,7 @@ class Watched:
         owner = name if self._several else ""
         prefix = f"{owner}: " if owner else ""
         statuses = {
-            title.removeprefix(prefix): dict(figures)
+            title.removeprefix(prefix): {key: _sent(value) for key, value in figures.items()}
             for title, figures in self._state.metrics.items()
             if title.startswith(prefix)
         }
@@ -277,6 +282,11 @@ class Watched:
         }
 
 
+def _sent(figure: float | str) -> float | str:
+    """A figure as JSON takes it, which has no numbers that are not finite."""
+    return figure if isinstance(figure, str) or math.isfinite(figure) else str(figure)
+
+
 def _flat(positions: npt.NDArray[np.float64]) -> list[float]:
     """To a tenth of a millimetre: to be drawn."""
     found: list[float] = np.round(positions, 4).ravel().tolist()
@@ -297,7 +307,8 @@ def _tiles(state: State, owner: str) -> list[Json]:
         }
 
     conventional = state.metrics.get(f"{owner}: conventional" if owner else "conventional", {})
-    step = f"over {conventional.get('re_delta', 1.0):g} {conventional.get('re_unit', 's')}"
+    delta = state.figure("conventional", "re_delta", of=owner)
+    step = f"over {1.0 if delta is None else delta:g} {conventional.get('re_unit', 's')}"
     window = state.figure("window", "duration", of=owner)
     share = state.figure("coverage", "time", of=owner)
     whole = state.figure("coverage", "duration", of=owner)
