@@ -41,6 +41,7 @@ from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
     comparisons_on_positions,
+    notices_on_positions,
     results_on_positions,
     without_orientation,
 )
@@ -342,7 +343,9 @@ class Session:
         summaries = {name: self._completed(name) for name in self.names}
         failures: list[OutputError] = []
         for name, record in self._records.items():
-            record.report.notices = self.engine.notices(name)
+            notices = self.engine.notices(name)
+            position_only = self.is_position_only(name)
+            record.report.notices = notices_on_positions(notices) if position_only else notices
             record.report.way = self.engine.way()
             fit = self.engine.health(name).fit
             record.report.anew = () if fit is None else fit.anew
