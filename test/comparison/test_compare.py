@@ -15,7 +15,7 @@ from trajeval_ros.comparison.common import Evaluated, Extent, coverage, pair_nea
 from trajeval_ros.comparison.compare import Comparison, compare
 from trajeval_ros.comparison.errors import errors_of, steps
 from trajeval_ros.comparison.ratio import Ratio, Reason
-from trajeval_ros.comparison.words import sentence
+from trajeval_ros.comparison.words import sentence, sentences
 from trajeval_ros.conventional.running import RunningConventional
 
 Array = npt.NDArray[np.float64]
@@ -204,6 +204,13 @@ def test_without_common_poses_it_says_so() -> None:
     assert found.ate_translation is None
     assert found.re_rotation is None
     assert sentence(found) == "a and b have no poses in common"
+
+
+def test_of_several_pairs_each_says_which_it_is() -> None:
+    a, b, c = (estimate_of(name, RUN[:100], 0.02, seed) for seed, name in enumerate("abc"))
+    pairs = [compare(a, b), compare(a, c)]
+    assert sentences(pairs[:1]) == [sentence(pairs[0])]
+    assert sentences(pairs) == [f"a vs b: {sentence(pairs[0])}", f"a vs c: {sentence(pairs[1])}"]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 12])

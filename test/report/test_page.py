@@ -159,6 +159,17 @@ def test_no_text_of_a_user_ends_the_script(evaluated: tuple[Report, dict[str, An
     assert [one["name"] for one in data_of(page)["estimates"]] == ["a</script><b>", "b"]
 
 
+def test_a_name_that_begins_a_sentence_is_as_it_is(
+    evaluated: tuple[Report, dict[str, Any]],
+) -> None:
+    report, summary = evaluated
+    run = report.run(summary)
+    said = ["vins's ATE is smaller.", "translation ATE no difference to be told."]
+    text = "".join(read(page_of_several({"vins": run, "orb": run}, said, print)).text)
+    assert "vins's ATE is smaller." in text
+    assert "Translation ATE no difference to be told." in text
+
+
 def test_what_is_drawn_is_the_run(page: str, evaluated: tuple[Report, dict[str, Any]]) -> None:
     report, summary = evaluated
     series = make_series(report.run(summary))

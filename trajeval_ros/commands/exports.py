@@ -13,7 +13,7 @@ from trajeval_ros.commands import figures
 from trajeval_ros.commands.console import CommandError
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.comparison.compare import Comparison
-from trajeval_ros.comparison.words import sentence
+from trajeval_ros.comparison.words import sentences
 from trajeval_ros.files.mcap import BagWriteError, message_types
 from trajeval_ros.online.parameters import Value, of_estimate
 from trajeval_ros.online.settings import settings_of
@@ -128,7 +128,7 @@ def _write_rerun(run: Finished, path: Path) -> str:
     if not shown:
         raise CommandError("--rerun: there is no ATE to be shown")
     way = next(iter(run.scorings.values())).report.way
-    said = [f"{sentence(each)}." for each in run.comparisons]
+    said = [f"{text}." for text in sentences(run.comparisons)]
     said += [
         rrd.markdown(name, answers.answer(one.summary, of), figures.summary_lines(one.summary, of))
         for name, one in run.found.items()

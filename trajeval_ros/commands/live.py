@@ -330,8 +330,9 @@ def _leading(state: State) -> list[Any]:
     lines = Table.grid(padding=(0, 1))
     lines.add_column(no_wrap=True)
     lines.add_column()
-    for text in state.sentences.values():
-        lines.add_row(Text("Compared", style="bold"), text)
+    for pair, text in state.sentences.items():
+        said = f"{pair}: {text}" if len(state.sentences) > 1 else text
+        lines.add_row(Text("Compared", style="bold"), said)
     for name in state.names or ("",):
         if name:
             said = "; ".join(text for title, text in state.answers.get(name, []) if "Kind" in title)

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.ratio import Ratio, Reason
 
@@ -34,6 +36,14 @@ def sentence(comparison: Comparison) -> str:
     if comparison.since is not None:
         parts.append(f"from {comparison.since * 1e-9:.3f} s on, as older poses are not kept")
     return "; ".join(part for part in parts if part)
+
+
+def sentences(comparisons: Sequence[Comparison]) -> list[str]:
+    """The sentence of each pair; of several it says which, as ``vins vs orb: ...``."""
+    several = len(comparisons) > 1
+    return [
+        f"{one.a} vs {one.b}: {sentence(one)}" if several else sentence(one) for one in comparisons
+    ]
 
 
 def _both(

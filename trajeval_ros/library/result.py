@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.comparison.compare import Comparison
-from trajeval_ros.comparison.words import sentence
+from trajeval_ros.comparison.words import sentences
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations, Notice
@@ -230,7 +230,7 @@ class Results(dict[str, Result]):
     @property
     def sentences(self) -> tuple[str, ...]:
         """Each comparison as a sentence that a person can repeat."""
-        return tuple(f"{sentence(one)}." for one in self.comparison)
+        return tuple(f"{text}." for text in sentences(self.comparison))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write one self-contained page of all, overlaid and compared, to ``path``; return it.

@@ -143,8 +143,7 @@ def _compared(estimates: Sequence[Shown], sentences: Sequence[str]) -> str:
     if len(estimates) < 2:
         return ""
     said = "".join(
-        f"<p class=verdict>{html.escape(sentence[:1].upper() + sentence[1:])}</p>"
-        for sentence in sentences
+        f"<p class=verdict>{html.escape(_begun(sentence, estimates))}</p>" for sentence in sentences
     )
     heads = "".join(f'<th scope="col" class=n>{html.escape(one.name)}</th>' for one in estimates)
     tiles = [
@@ -165,6 +164,13 @@ def _compared(estimates: Sequence[Shown], sentences: Sequence[str]) -> str:
         f"<tbody>{rows}</tbody></table></div>"
     )
     return _section("Which is better", said + table)
+
+
+def _begun(sentence: str, estimates: Sequence[Shown]) -> str:
+    """A sentence with a capital, unless it begins with a name, which is as it is."""
+    if any(one.name and sentence.startswith(one.name) for one in estimates):
+        return sentence
+    return sentence[:1].upper() + sentence[1:]
 
 
 # The figures -------------------------------------------------------------------------------------

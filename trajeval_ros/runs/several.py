@@ -14,7 +14,7 @@ import numpy as np
 from trajeval_ros.comparison.compare import Comparison, Evaluated, compare
 from trajeval_ros.comparison.hat import shared_error
 from trajeval_ros.comparison.ratio import Method
-from trajeval_ros.comparison.words import sentence
+from trajeval_ros.comparison.words import sentences
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
@@ -168,7 +168,10 @@ def sentences_of_all(
     """Return what there is to say of several; ``say`` gets a line for a defect, and that is all."""
 
     def said() -> tuple[str, ...]:
-        pairs = (f"{sentence(one)}.{_likelier(one, summaries)}" for one in comparisons)
+        pairs = (
+            f"{text}.{_likelier(one, summaries)}"
+            for one, text in zip(comparisons, sentences(comparisons), strict=True)
+        )
         return (*pairs, *(cause.sentence for cause in causes))
 
     nothing: tuple[str, ...] = ()

@@ -233,7 +233,9 @@ class Page {
 
   showComparison(pairs) {
     element("comparison").hidden = pairs.length === 0;
-    element("comparison").replaceChildren(...pairs.map(({ text }) => make("li", `${text}.`)));
+    element("comparison").replaceChildren(
+      ...pairs.map(({ pair, text }) => make("li", pairs.length > 1 ? `${pair}: ${text}.` : `${text}.`)),
+    );
   }
 
   showHealth({ now, events }) {
