@@ -11,6 +11,8 @@ from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.runs.session import Session
 
+SECOND = 1_000_000_000
+
 
 def test_its_report_has_no_notice_of_likelihoods(tmp_path: Path) -> None:
     made = simulated(1, 20.0, (50.0, 10.0))
@@ -26,3 +28,19 @@ def test_its_report_has_no_notice_of_likelihoods(tmp_path: Path) -> None:
     session.save(last=True)
     session.close()
     assert "first order does not hold" not in (tmp_path / "report.html").read_text("utf-8")
+
+
+def test_on_a_straight_line_it_says_what_is_left_out() -> None:
+    seconds = np.arange(0.0, 20.0, 0.1)
+    positions = np.stack([seconds, 0.0 * seconds, 0.0 * seconds], axis=1)
+    unturned = np.tile([0.0, 0.0, 0.0, 1.0], (len(seconds), 1))
+    samples = PoseSamples(SECOND + np.rint(seconds * SECOND).astype(np.int64), positions, unturned)
+    sources = {"ground truth": "/prism", "estimate": "/odometry"}
+    session = Session(complete({"gp.hyperparameters": "fixed"}), sources)
+    session.note_without_orientation(0)
+    session.feed(samples, samples)
+    notices = session.finish_all()["estimate"].notices
+    (text,) = (each.text for each in notices if each.code == "alignment_undetermined")
+    assert "along a line alone" in text
+    assert "the lever arm is not told" in text
+    assert "conventional rotation error" not in text

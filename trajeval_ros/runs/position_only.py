@@ -31,6 +31,10 @@ Figures = dict[str, Any]
 # rad, by which orientations that never change differ at most, and those of a robot that turns.
 _CONSTANT, _TURNS = 1e-6, 0.2
 _ON_LIKELIHOODS = ("inconsistent_likelihoods", "first_order_strained")
+_UNDETERMINED = (
+    "the motion is not larger than the errors, or along a line alone: the alignment's rotation is"
+    " not determined, so the lever arm is not told, nor likelihoods where it is not known to 0.3 rad"
+)
 # Of the conventional figures, what no orientation enters.
 _KEPT = ("poses", "pairs", "ate_translation_rmse", "ate_translation", "re_delta", "re_unit")
 
@@ -184,8 +188,12 @@ def comparisons_on_positions(
 
 
 def notices_on_positions(notices: tuple[Notice, ...]) -> tuple[Notice, ...]:
-    """Those that are not about likelihoods of orientations."""
-    return tuple(notice for notice in notices if notice.code not in _ON_LIKELIHOODS)
+    """Those that are not about likelihoods of orientations; what an undetermined one costs here."""
+    return tuple(
+        replace(notice, text=_UNDETERMINED) if notice.code == "alignment_undetermined" else notice
+        for notice in notices
+        if notice.code not in _ON_LIKELIHOODS
+    )
 
 
 def _emptied(figures: Figures) -> Figures:
