@@ -33,7 +33,7 @@ _CONSTANT, _TURNS = 1e-6, 0.2
 _ON_LIKELIHOODS = ("inconsistent_likelihoods", "first_order_strained")
 _UNDETERMINED = (
     "the motion is not larger than the errors, or along a line alone: the alignment's rotation is"
-    " not determined, so the lever arm is not told, nor likelihoods where it is known to no 0.3 rad"
+    " not determined: the lever arm is not told, nor a likelihood if it is not known to 0.3 rad"
 )
 # Of the conventional figures, what no orientation enters.
 _KEPT = ("poses", "pairs", "ate_translation_rmse", "ate_translation", "re_delta", "re_unit")
