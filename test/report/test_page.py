@@ -273,7 +273,13 @@ def test_page_of_the_very_first_poses(evaluated_poses: int) -> None:
     report.add(engine.finish())
     summary = engine.summary()
     assert summary["estimate"]["evaluated"] == evaluated_poses
-    assert read(report.render(summary)).headings == SECTIONS
+    page = report.render(summary)
+    assert read(page).headings == SECTIONS
+    # One alone is aligned to no error, and has none to be told.
+    told = evaluated_poses > 1
+    assert ("nineteen in twenty" in page) == told
+    assert ("furthest off" in page) == told
+    assert any(moment["kind"] == "worst" for moment in data_of(page)["moments"]) == told
 
 
 def test_page_of_a_long_run_is_bounded() -> None:

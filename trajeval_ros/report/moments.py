@@ -62,7 +62,9 @@ def moments(one: Shown) -> list[Moment]:
         error = float(series.translation_error[series.worst])
     else:
         worst, error = named["stamp"], named["translation"]
-    found = [Moment("worst", f"worst, {length(error)}", worst, worst)]
+    found = []
+    if named is not None or series.shows_errors:
+        found.append(Moment("worst", f"worst, {length(error)}", worst, worst))
     model = summary.get("error_model") or {}
     jumps = sorted(model.get("jumps", ()), key=lambda jump: -float(jump["translation"]))
     for jump in jumps[:_MOST]:

@@ -63,6 +63,11 @@ class Series:
     window_dof: Array
 
     @property
+    def shows_errors(self) -> bool:
+        """Whether the errors say anything: one pose is aligned to no error, whatever it is."""
+        return self.is_ate or len(self.seconds) > 1
+
+    @property
     def worst(self) -> int:
         """Index of the pose that is furthest off beyond what the ground truth is known to.
 

@@ -77,6 +77,8 @@ def verdict(run: Run, series: Series | None) -> str:
     """Return how good it is, where it is bad, and whether the ground truth can be trusted."""
     if series is None:
         return "No estimate has been evaluated."
+    if not series.shows_errors:
+        return lead(run)
     worst = series.worst
     return (
         f"{lead(run)} The estimate is furthest off at {series.seconds[worst]:.1f} s, by"
@@ -109,6 +111,8 @@ def lead(run: Run) -> str:
 
 def spread(name: str, series: Series) -> list[str]:
     """A sentence on the size of the errors for each part; ``name``: of the estimate, if said."""
+    if not series.shows_errors:
+        return []
     parts: list[tuple[str, Array, Callable[[float], str]]] = [
         ("Translation", series.translation_error, length)
     ]
