@@ -162,7 +162,7 @@ def test_what_one_has_forgotten_is_left_out_of_its_pairs_alone_and_that_is_said(
 
 
 def test_a_defect_in_a_sentence_costs_no_file(two, tmp_path, monkeypatch):
-    monkeypatch.setattr(several, "sentence", lambda comparison: 1 / 0)
+    monkeypatch.setattr(several, "sentences", lambda comparisons: 1 / 0)
     run = session(output__directory=str(tmp_path))
     run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
     run.finish_all()
