@@ -52,12 +52,10 @@ def done(tmp_path_factory: pytest.TempPathFactory, client: Any) -> Done:
 
 
 def figures(row: Row) -> dict[str, float]:
-    # Whether the clock's offset is given for each group as well is a decision: at its edge the
-    # round-off of asking the ground truth for several runs at once makes it.
     return {
         name: value
         for name, value in row.items()
-        if isinstance(value, float) and name != "wall_time" and ".clock_offset_by." not in name
+        if isinstance(value, float) and name != "wall_time"
     }
 
 

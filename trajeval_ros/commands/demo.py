@@ -160,9 +160,12 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str], p
         page,
         Monitor(state) as monitor,
         Child("trajeval_ros.node.main", node_arguments, output / "evaluator.log") as node,
-        Child("trajeval_ros.commands.replay", player_arguments, output / "replay.log") as player,
+        live.make_view() as view,
     ):
-        with live.make_view() as view:
+        state.phase = "starting"
+        _wait(monitor, view, state, node, page)
+        log = output / "replay.log"
+        with Child("trajeval_ros.commands.replay", player_arguments, log) as player:
             _watch(monitor, view, state, node, player, rate, page)
         published = _published(player, data.names)
         state.phase = "writing the results"
@@ -213,6 +216,16 @@ def _has_screen() -> bool:
     if not sys.stdout.isatty() or "SSH_CONNECTION" in os.environ:
         return False
     return sys.platform == "darwin" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ))
+
+
+def _wait(monitor: Any, view: Any, state: Any, node: Child, page: _Page) -> None:
+    """Wait until the node can be heard, or for as long as its discovery may take."""
+    deadline = time.monotonic() + _READY_PATIENCE
+    while not monitor.is_connected and time.monotonic() < deadline:
+        monitor.listen(0.05)
+        page.offer(state)
+        view.show(state)
+        _check_alive(node)
 
 
 def _watch(

@@ -18,6 +18,7 @@ from rclpy.utilities import try_shutdown
 
 from trajeval_ros.commands.live import TRENDS, Health, State
 
+_METRICS = "/evaluator/metrics"
 _PREFIX = "evaluator: "
 _DEPARTED = ("its publisher is gone", "no publisher")
 
@@ -34,13 +35,18 @@ class Monitor:
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("demo", context=self._context)
         qos = QoSProfile(depth=1000)
-        self._node.create_subscription(DiagnosticArray, "/evaluator/metrics", self._metrics, qos)
+        self._node.create_subscription(DiagnosticArray, _METRICS, self._metrics, qos)
         self._node.create_subscription(
             DiagnosticArray, "/evaluator/comparison", self._comparison, qos
         )
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, qos)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the node is there to be heard."""
+        return self._node.count_publishers(_METRICS) > 0
 
     def listen(self, seconds: float) -> None:
         """Take in what comes within this time."""

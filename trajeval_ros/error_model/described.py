@@ -29,8 +29,10 @@ _BLOCKS = 40
 _PART = 60
 _PART_DURATION = 5.0
 _FIXED = 1e16
-# A group's noise is so much larger in variance where it is left out.
-_IGNORED = 1e10
+# A group's noise is so much larger in variance where it is left out. A hundred times more
+# changes the answer by less than a fiftieth of its standard deviation, and is factored or not at
+# round-off.
+_IGNORED = 1e8
 # Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
 _ROUGH = 0.3
 # Below this curvature of log L (of log σ), a standard deviation is not told from none.

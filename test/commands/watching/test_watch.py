@@ -130,7 +130,7 @@ def test_every_browser_shows_the_topics_figures(graph: Graph, tmp_path: Path) ->
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
     sections = until_shown(graph, page, metrics)
-    assert page.is_said("live")
+    graph.until(lambda: page.is_said("live"), "life")
     # One subscription serves all; and it publishes nothing.
     assert graph.node.count_subscribers("/evaluator/metrics") == 2
     (name,) = [n for n in graph.node.get_node_names() if n.startswith("watch_")]
@@ -279,7 +279,7 @@ def test_a_node_that_is_killed_is_said_and_comes_back(graph: Graph, tmp_path: Pa
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
     until_shown(graph, page, metrics)
-    assert page.is_said("live")
+    graph.until(lambda: page.is_said("live"), "life")
 
 
 def test_another_node_is_named(graph: Graph) -> None:

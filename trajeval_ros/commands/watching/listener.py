@@ -122,6 +122,8 @@ class Listener:
         self._publishers: frozenset[tuple[int, ...]] = frozenset()
         self._run = watched.run
         self._heard = 0.0
+        self._is_gone = False  # the node that was there
+        self._is_new = False  # what is heard, and not seen on the graph yet
         self._next_discovery = 0.0
 
     def listen(self) -> None:
@@ -143,6 +145,10 @@ class Listener:
             self._take_errors(name or ALONE, estimate, now)
         for message in self._metrics.take():
             self._heard = now
+            if self._is_gone:
+                # Another one is heard before it is seen.
+                self._watched.start_over()
+                self._is_gone, self._is_new = False, True
             self._watched.take_metrics(_stamp(message), values_of(message))
         for message in self._compared.take():
             said = {status.name: status.message for status in message.status}
@@ -158,14 +164,17 @@ class Listener:
         found = self._node.get_publishers_info_by_topic(f"{self._prefix}metrics")
         publishers = frozenset(tuple(info.endpoint_gid) for info in found)
         if publishers:
-            if self._publishers and not publishers & self._publishers:
+            if self._publishers and not publishers & self._publishers and not self._is_new:
                 # Another process under the same name.
                 self._watched.start_over()
+            self._is_gone = self._is_new = False
             if publishers != self._publishers:
                 # From now on it is to be heard.
                 self._heard = now
             self._publishers = publishers
             self._follow()
+        elif self._publishers and not self._is_new:
+            self._is_gone = True
         self._watched.connect(*self._standing(len(publishers), now))
 
     def _standing(self, publishers: int, now: float) -> tuple[str, str]:
