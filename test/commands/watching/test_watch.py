@@ -275,6 +275,7 @@ def test_a_node_that_is_killed_is_said_and_comes_back(graph: Graph, tmp_path: Pa
     graph.until(lambda: page.is_said("gone", "the publisher is gone"), "gone")
     graph.received["/diagnostics"].clear()
     graph.start_evaluator()
+    until_met(graph, page)
     metrics = graph.listen(DiagnosticArray, "/evaluator/metrics")
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
