@@ -18,19 +18,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 from scipy.optimize import minimize
 
 from trajeval_ros.alignment.gauge import Gauge
 from trajeval_ros.error_model.nuisances import Ask
 from trajeval_ros.error_model.process import Kind
-from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
+from trajeval_ros.likelihood.gaussian import CovarianceError, GaussianLogLikelihood
 from trajeval_ros.likelihood.information import Information
 from trajeval_ros.likelihood.positions import (
     LEVER_ARM_STD,
     PositionProblem,
     PositionState,
     searched,
+    whitened,
 )
 
 Array = npt.NDArray[np.float64]
@@ -114,7 +114,7 @@ class _Data:
         else:
             columns = np.concatenate([self.columns[:1], columns])
             here = np.concatenate([noise[:1] + size * np.eye(3), here])
-        return _whitened(here, before, columns)
+        return whitened(here, before, columns)
 
     def information(self, kind: Kind, logs: Array) -> Information:
         """What they say of the unknowns; of a walk, of all but the translation."""
@@ -154,7 +154,7 @@ def fit_positions(
             if (np.abs(delta) <= _SETTLED * np.sqrt(np.diagonal(covariance))).all():
                 break
             state, clock = problem.moved(state, step), clock + float(delta[-1])
-    except (np.linalg.LinAlgError, _TooFewError):
+    except (np.linalg.LinAlgError, CovarianceError, _TooFewError):
         return None
     assert state is not None
     white, _ = data.whitened(kind, logs)
@@ -298,23 +298,3 @@ def _long_run(autocorrelation: Array) -> float:
     negative = np.flatnonzero(autocorrelation <= 0.0)
     until = negative[0] if len(negative) else len(autocorrelation)
     return 1.0 + 2.0 * float(autocorrelation[:until].sum())
-
-
-def _whitened(here: Array, before: Array, columns: Array) -> tuple[Array, float]:
-    """``L^-1 X`` and ``log |L L^T|`` of a block-tridiagonal covariance.
-
-    here: (N, 3, 3). before: (N - 1, 3, 3), of each with the one before it. columns: X, (N, 3, c).
-    """
-    size = 3 * len(here)
-    # In LAPACK's lower band storage: element (j + k, j) in row k.
-    band = np.zeros((6, size))
-    for column in range(3):
-        for row in range(column, 3):
-            band[row - column, column::3] = here[:, row, column]
-        for row in range(3):
-            band[3 + row - column, column : size - 3 : 3] = before[:, row, column]
-    factor, wrong = lapack.dpbtrf(band, lower=1)
-    if wrong:
-        raise np.linalg.LinAlgError("a covariance is not positive definite")
-    white, _ = lapack.dtbtrs(factor, columns.reshape(size, -1), uplo="L")
-    return np.asarray(white), 2.0 * float(np.log(factor[0]).sum())

@@ -306,10 +306,27 @@ def _relative(problem: PositionProblem, state: PositionState) -> GaussianLogLike
     free = [place for place, free in enumerate(problem.gauge.free) if free >= 3]
     dimension = problem.gauge.dimension
     kept = [*free, *range(dimension, dimension + 4)]
-    count, size = len(columns), 3 * len(columns)
+    here, before = problem.covariance[1:] + problem.covariance[:-1], -problem.covariance[1:-1]
+    try:
+        white, of_steps = whitened(here, before, columns[..., kept])
+    except CovarianceError as wrong:
+        # Of a step, which ends at the pose after it.
+        raise CovarianceError(min(wrong.index + 1, len(columns))) from None
+    rows, log_det = problem.prior(state)
+    found = Information.none(len(kept) - 1).absorb(rows[:, kept], log_det)
+    return found.absorb(white, of_steps).integral()
+
+
+def whitened(here: Array, before: Array, columns: Array) -> tuple[Array, float]:
+    """``L^-1 X`` and ``log |L L^T|`` of a block-tridiagonal covariance.
+
+    here: (N, 3, 3). before: (N - 1, 3, 3), of each with the one before it. columns: X, (N, 3, c).
+
+    Raises CovarianceError where it is not positive definite.
+    """
+    size = 3 * len(here)
     # In LAPACK's lower band storage: element (j + k, j) in row k.
     band = np.zeros((6, size))
-    here, before = problem.covariance[1:] + problem.covariance[:-1], -problem.covariance[1:-1]
     for column in range(3):
         for row in range(column, 3):
             band[row - column, column::3] = here[:, row, column]
@@ -317,9 +334,6 @@ def _relative(problem: PositionProblem, state: PositionState) -> GaussianLogLike
             band[3 + row - column, column : size - 3 : 3] = before[:, row, column]
     factor, wrong = lapack.dpbtrf(band, lower=1)
     if wrong:
-        raise CovarianceError(min((wrong - 1) // 3 + 1, count))
-    flat = columns[..., kept].reshape(size, -1)
-    white, _ = lapack.dtbtrs(factor, flat, uplo="L")
-    rows, log_det = problem.prior(state)
-    found = Information.none(len(kept) - 1).absorb(rows[:, kept], log_det)
-    return found.absorb(np.asarray(white), 2.0 * float(np.log(factor[0]).sum())).integral()
+        raise CovarianceError((wrong - 1) // 3)
+    white, _ = lapack.dtbtrs(factor, columns.reshape(size, -1), uplo="L")
+    return np.asarray(white), 2.0 * float(np.log(factor[0]).sum())

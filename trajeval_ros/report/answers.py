@@ -157,7 +157,9 @@ def _where(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
         text = f"the ground truth is known to {_length(_plain(known['translation_std']))}"
         if known["rotation_std"] is not None:
             text += f", {_angle(_plain(known['rotation_std']))}"
-        text += _assumed(summary, parameters)
+        floor = assumed_accuracy(summary, parameters)
+        if floor is not None:
+            text += f" (a sample is assumed to be good to {_length(_plain(floor))} at best)"
         if known["share_in_gaps"]:
             text += f";\n{covered.percent(known['share_in_gaps'])} of the poses lie in its gaps,"
             text += " and count in the likelihoods alone"
@@ -273,15 +275,13 @@ def _errors(figures: Figures, name: str) -> list[str]:
     return shown if rotation is None else [*shown, _angle(_plain(rotation))]
 
 
-def _assumed(summary: Figures, parameters: Figures) -> str:
-    """Say so where the ground truth's accuracy is what was assumed, and not found."""
+def assumed_accuracy(summary: Figures, parameters: Figures) -> float | None:
+    """What a sample's position is assumed to be good to, m, where that and no noise rules it."""
     learned = summary["ground_truth"].get("hyperparameters")
-    floor = parameters["ground_truth.translation_std"]
+    floor = float(parameters["ground_truth.translation_std"])
     if learned is None or parameters["gp.hyperparameters"] == "fixed":
-        return ""
-    if learned["translation"]["noise_std"] > _OF_THE_FLOOR * floor:
-        return ""
-    return f" (a sample is assumed to be good to {_length(_plain(floor))} at best)"
+        return None
+    return floor if learned["translation"]["noise_std"] <= _OF_THE_FLOOR * floor else None
 
 
 def _plain(value: float) -> dict[str, float | None]:

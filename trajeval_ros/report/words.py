@@ -16,6 +16,7 @@ from trajeval_ros.likelihood.figures import p_value as two_sided_p_value
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.report import covered
+from trajeval_ros.report.answers import assumed_accuracy
 from trajeval_ros.report.coverage import SECOND, Coverage
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import Array, Series, coverage_gaps, span
@@ -26,8 +27,6 @@ Row = tuple[str, str, str]
 _DASH = "–"
 _NOT_TOLD_APART = 0.01
 _UNSCALED = ("Relative ", "Pose to pose", "Absolute, first order")
-# The noise of a sample is the assumed accuracy where it is no more than this times as large.
-_OF_THE_FLOOR = 1.5
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -160,11 +159,8 @@ def _trust(run: Run, series: Series) -> str:
 
 def _assumed(run: Run) -> str:
     """Say so where the ground truth's accuracy is the one that was assumed, and not found."""
-    learned = run.summary["ground_truth"]["hyperparameters"]
-    floor = float(run.parameters["ground_truth.translation_std"])
-    if learned is None or run.parameters["gp.hyperparameters"] == "fixed":
-        return ""
-    if learned["translation"]["noise_std"] > _OF_THE_FLOOR * floor:
+    floor = assumed_accuracy(run.summary, run.parameters)
+    if floor is None:
         return ""
     return (
         f" (two standard deviations; a sample is assumed to be good to {length(floor)} at best:"

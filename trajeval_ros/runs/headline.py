@@ -26,6 +26,7 @@ from trajeval_ros.diagnosis.fitted import (
     lever_arm_to_set,
 )
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
+from trajeval_ros.error_model.running import Poses
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.runs.error_models import poses_of
@@ -55,7 +56,7 @@ def with_headline(
     poses = [poses_of(part, offset) for part in all_parts if part.sampled.any()]
     if not poses:
         return {**summary, "headline": None}
-    whole = type(poses[0]).joined(poses)
+    whole = Poses.joined(poses)
     truth, conventional = whole.truth, summary["conventional"]
     evaluated = Evaluated("", truth.stamps, truth.poses, whole.estimate)
     gauge, delta, unit = (

@@ -28,7 +28,6 @@ from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
-from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.whole_run import Poses, grown, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_model_on_positions, error_models, put_into
@@ -195,16 +194,18 @@ def completed(
         no_causes,
         report.say,
     )
-    if len(kept.stamps):
-        summary = kept.complete(summary, engine.settings.evaluation)
+    poses, evaluation = kept.poses, engine.settings.evaluation
+    some = len(poses.stamps) > 0
+    if some:
+        summary = whole_run(summary, poses, evaluation)
     position_only = is_position_only(truth, estimate)
     report.lacks_orientation = not (truth.has_orientation and estimate.has_orientation)
     if position_only:
         bare = summary = without_orientation(summary)
-        if len(kept.stamps):
+        if some:
             summary = shield(
                 "the likelihood of positions",
-                lambda: with_positions(bare, kept.poses, engine.settings.evaluation),
+                lambda: with_positions(bare, poses, evaluation),
                 bare,
                 report.say,
             )
@@ -224,11 +225,11 @@ def completed(
                     summary["error_model"] = model
                     report.of_rows = (*report.of_rows, *clock_causes(model, 1e-9 * offset))
         report.notices = notices_on_positions(report.notices)
-    if len(kept.stamps) and not position_only:
+    if some and not position_only:
         none: dict[str, tuple[Box, ...]] = {}
         report.growth = shield(
             "the growth of errors",
-            lambda: kept.grown(engine.settings.evaluation),
+            lambda: grown(poses, evaluation),
             none,
             report.say,
         )
@@ -241,7 +242,7 @@ def completed(
         )
         put_into(summary, models)
         report.model = models.get("run")
-    if len(kept.stamps) and estimate.latest_path is not None:
+    if some and estimate.latest_path is not None:
         own, settings, latest = (
             engine.settings.estimates[name],
             engine.settings.evaluation,
@@ -254,11 +255,11 @@ def completed(
             report.say,
         )
         summary["latest_path"] = on_positions(found) if position_only else found
-    if len(kept.stamps):
+    if some:
         start = min(int(truth.stamps.min()), int(estimate.stamps.min()) + offset)
         summary = shield(
             "the headline",
-            lambda: with_headline(summary, kept.parts, offset, start, engine.settings.evaluation),
+            lambda: with_headline(summary, kept.parts, offset, start, evaluation),
             summary,
             report.say,
         )
@@ -362,18 +363,10 @@ class WholeRun:
 
     @property
     def poses(self) -> Poses:
-        """All of them."""
+        """All of them; joined at each look."""
         names = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
         columns = {name: self._column(name) for name in names}
         return Poses(**columns, cross=tuple(self._cross))
-
-    def complete(self, summary: Figures, settings: EvaluationSettings) -> Figures:
-        """Return the summary with the figures that need all poses."""
-        return whole_run(summary, self.poses, settings)
-
-    def grown(self, settings: EvaluationSettings) -> dict[str, tuple[Box, ...]]:
-        """Return how errors grow with the length of the sub-trajectory."""
-        return grown(self.poses, settings)
 
     def _column(self, name: str) -> npt.NDArray[Any]:
         return np.concatenate([getattr(poses, name) for poses in self._poses])
