@@ -5,25 +5,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import TracebackType
-from typing import Self
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 
 from trajeval_ros.commands.live import TRENDS, Health, State
+from trajeval_ros.commands.participant import Participant
 
 _METRICS = "/evaluator/metrics"
 _PREFIX = "evaluator: "
 _DEPARTED = ("its publisher is gone", "no publisher")
 
 
-class Monitor:
+class Monitor(Participant):
     """A node that keeps ``state`` up to date.
 
     From ``/evaluator/metrics``, ``/evaluator/comparison`` and ``/diagnostics``.
@@ -31,9 +26,7 @@ class Monitor:
 
     def __init__(self, state: State) -> None:
         self._state = state
-        self._context = Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("demo", context=self._context)
+        super().__init__("demo")
         qos = QoSProfile(depth=1000)
         self._node.create_subscription(DiagnosticArray, _METRICS, self._metrics, qos)
         self._node.create_subscription(
@@ -72,21 +65,9 @@ class Monitor:
                 self._state.take_health(status.name.removeprefix(_PREFIX), health)
 
     def close(self) -> None:
-        """Leave ROS."""
+        """Leave the graph."""
         self._executor.shutdown()
-        self._node.destroy_node()
-        try_shutdown(context=self._context)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
+        super().close()
 
 
 def _without_departure(health: Health) -> Health:

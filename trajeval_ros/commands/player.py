@@ -8,25 +8,22 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from types import FrameType, TracebackType
-from typing import Any, Self
+from types import FrameType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import rclpy
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 from rosgraph_msgs.msg import Clock
 
 from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.inputs import Inputs
+from trajeval_ros.commands.participant import Participant
 from trajeval_ros.commands.schedule import Schedule, merge
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.rcl_errors import first_line
@@ -80,7 +77,7 @@ class _Template:
             self._covariance.covariance = covariance.ravel()
 
 
-class Player:
+class Player(Participant):
     """A node that publishes ``ground_truth``, the estimates by their names, and ``/clock``.
 
     ``type_name`` is the messages' type; without one, poses that come with covariances are
@@ -112,19 +109,12 @@ class Player:
             for each in self._topics
         ]
         self._stamps = [each.stamps.tolist() for each in self._topics]
-        # Ctrl-C stays Python's; SIGTERM ends us the same way.
-        self._context = Context()
         try:
-            rclpy.init(
-                args=list(ros_arguments),
-                context=self._context,
-                signal_handler_options=SignalHandlerOptions.NO,
-            )
-            self._node = rclpy.create_node("replay", context=self._context)
+            super().__init__("replay", ros_arguments)
         except Exception as error:
             # rclpy has several types for wrong arguments.
-            try_shutdown(context=self._context)
             raise UsageError(first_line(error)) from error
+        # As Ctrl-C does.
         signal.signal(signal.SIGTERM, _interrupt)
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         kinds = [_kind(type_name, each) for each in self._topics]
@@ -221,22 +211,6 @@ class Player:
         counts = zip(self._names, self._published, strict=True)
         elapsed = time.monotonic() - self._started
         return f"published {', '.join(f'{n} {count}' for n, count in counts)} in {elapsed:.1f} s"
-
-    def close(self) -> None:
-        """Leave ROS."""
-        self._node.destroy_node()
-        try_shutdown(context=self._context)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> Any:

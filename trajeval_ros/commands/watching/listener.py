@@ -13,21 +13,17 @@ import math
 import os
 import time
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from nav_msgs.msg import Path
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 
 from trajeval_ros.commands.monitor import health_of, values_of
+from trajeval_ros.commands.participant import Participant
 from trajeval_ros.commands.watching.history import Gathered
 from trajeval_ros.commands.watching.state import ALONE, ERRORS, GROUND_TRUTH, Watched
 
@@ -95,7 +91,7 @@ class _Estimate:
             topic.close()
 
 
-class Listener:
+class Listener(Participant):
     """Keeps ``watched`` up to date with the node called ``name``."""
 
     def __init__(self, name: str, watched: Watched) -> None:
@@ -104,11 +100,8 @@ class Listener:
         self._prefix = f"{name}/"
         self._health_prefix = f"{name.removeprefix('/')}: "
         self._watched = watched
-        self._context = Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node(
+        super().__init__(
             f"watch_{os.getpid()}",
-            context=self._context,
             enable_rosout=False,
             start_parameter_services=False,
             parameter_overrides=[Parameter("start_type_description_service", value=False)],
@@ -264,22 +257,6 @@ class Listener:
             for pose in message.poses
         ]
         self._watched.take_path(name, np.array(points), [_stamp(pose) for pose in message.poses])
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._node.destroy_node()
-        try_shutdown(context=self._context)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _stamp(message: Any) -> int:
