@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was put into a simulated estimate comes out, with standard deviations that hold."""
 
+import re
+
 import numpy as np
 import pytest
 from twins.runs import motion
@@ -12,6 +14,7 @@ from trajeval_ros.error_model.fit import ENOUGH, fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD, Nuisances, Truth
 from trajeval_ros.error_model.process import GROUPS, Kind
+from trajeval_ros.report.answers import leading
 
 DRIFT = np.log([[1e-3, 1e-2], [1e-3, 2e-3]])
 WANDER = np.log([[1e-3, 2e-2, 1.0], [1e-3, 1e-2, 1.0]])
@@ -170,6 +173,19 @@ def test_a_jump_is_named_and_does_not_rule_the_fit():
     assert found.jumps[0].translation == pytest.approx(np.hypot(0.5, 0.3), abs=0.02)
     drift = found.groups["translation"]["drift_std"]
     assert abs(drift.value - 1e-2) < 4.0 * drift.std
+
+
+def test_a_wander_that_the_run_is_too_short_for_is_a_drift_so_far():
+    slow = np.log([[1e-3, 0.3, 400.0], [1e-3, 1e-2, 1.0]])
+    found = fit(*estimate(Kind.WANDER, slow), ask)
+    assert found.kind is Kind.WANDER
+    part = found.groups["translation"]
+    assert part["wander_time"].std > 0.5 * part["wander_time"].value
+    walk = part["short_run_drift"]
+    assert walk.std < 0.1 * walk.value
+    assert abs(walk.value - 0.3 * np.sqrt(2.0 / 400.0)) < 4.0 * walk.std
+    kind = dict(leading(named(found)))["Kind of error"]
+    assert re.search(r"wander so far a drift of 2[\d.]+ ± [\d.]+ mm/√s, 0.5\d+ ±", kind)
 
 
 def test_too_few_poses_and_no_ground_truth_have_no_model():

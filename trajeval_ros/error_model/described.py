@@ -165,6 +165,8 @@ def _groups(here: Likelihood, blocks: int) -> dict[str, dict[str, Figure]]:
                 by_time = float(np.sqrt(speed))
                 by_distance = Figure(drift.value / by_time, drift.std / by_time)
                 figures["long_run_drift_by_distance"] = by_distance
+        else:
+            figures["short_run_drift"] = _short_run(values, own)
         groups[group] = figures
     return groups
 
@@ -214,6 +216,14 @@ def _long_run(values: Array, covariance: Array) -> Figure:
         slope[2], slope[3] = velocity / total, 0.5 * velocity / total
     variance = float(slope @ np.nan_to_num(covariance) @ slope)
     return Figure(total, float(np.sqrt(max(variance, 0.0))))
+
+
+def _short_run(values: Array, covariance: Array) -> Figure:
+    """``sqrt(2 σ² / T)``: the walk that a wander (j, σ, T) is within much less than its time."""
+    rate = float(values[1] * np.sqrt(2.0 / values[2]))
+    slope = np.array([0.0, rate, -0.5 * rate])
+    variance = float(slope @ np.nan_to_num(covariance) @ slope)
+    return Figure(rate, float(np.sqrt(max(variance, 0.0))))
 
 
 def _jumps(stamps: Stamps, here: Likelihood) -> tuple[Jump, ...]:

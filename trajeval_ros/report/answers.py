@@ -9,7 +9,7 @@ whether the ground truth can be trusted there.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree, is_misread, shown_of_lever_arm
@@ -30,6 +30,8 @@ _TITLES = (
 )
 # Drift by distance is said where the mean speed is 1 m/s and more.
 _FAST = 1.0
+# A time that is known to no more than this share of it tells no bounds.
+_UNTOLD = 0.5
 # Autocorrelations beyond this say that the model does not hold.
 WHITE = 0.2
 # The noise of a sample is the assumed accuracy where it is no more than this times as large.
@@ -191,9 +193,7 @@ def _kind(model: Figures) -> str:
         return _kind_of_positions(model["model"], translation)
     jitter = f"jitter {_length(translation['jitter_std'])}, {_angle(rotation['jitter_std'])}"
     if model["model"] == "wander":
-        parts = f"wander {_length(translation['wander_std'])} over"
-        parts += f" {_number(**translation['wander_time'])} s, {_angle(rotation['wander_std'])}"
-        parts += f" over {_number(**rotation['wander_time'])} s"
+        parts = f"wander {_wander(translation, _length)}, {_wander(rotation, _angle)}"
     else:
         parts = f"drift {_length(translation['long_run_drift'], '/√s')},"
         parts += f" {_angle(rotation['long_run_drift'], '/√s')}"
@@ -204,6 +204,14 @@ def _kind(model: Figures) -> str:
             parts += f"\n(velocity error {_length(translation['velocity_std'], '/s')} over"
             parts += f" {_number(**translation['velocity_time'])} s)"
     return f"{jitter};\n{parts}"
+
+
+def _wander(part: Figures, sized: Callable[..., str]) -> str:
+    """Its bounds and time; where the run is too short to tell them, the walk that it is so far."""
+    time, walk = part["wander_time"], part.get("short_run_drift")
+    if walk is not None and time["std"] is not None and time["std"] > _UNTOLD * time["value"]:
+        return f"so far a drift of {sized(walk, '/√s')}"
+    return f"{sized(part['wander_std'])} over {_number(**time)} s"
 
 
 def _kind_of_positions(kind: str, translation: Figures) -> str:
