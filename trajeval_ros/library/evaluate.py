@@ -18,7 +18,8 @@ from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_evenly
 from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.report import Report
-from trajeval_ros.runs.offline import WholeRun, completed, why_none
+from trajeval_ros.runs.kept import WholeRun
+from trajeval_ros.runs.offline import completed, why_none
 from trajeval_ros.runs.several import looked_at_together
 
 # Points of the report's running figures.
@@ -162,6 +163,6 @@ def _result(
     why = why_none(estimate.name, len(estimate), summary)
     if why is not None:
         raise ValueError(why)
-    poses = Poses.of(kept.parts, summary["conventional"])
+    poses = Poses.of(kept.evaluations, summary["conventional"])
     causes = tuple(Cause(**each) for each in summary["likely_causes"])
     return Result(name, summary, poses, causes, record)

@@ -82,11 +82,9 @@ class Poses:
     ate_rotation: Array
 
     @classmethod
-    def of(cls, parts: Sequence[Evaluations], conventional: Mapping[str, Any]) -> Poses:
-        """Join what the engine handed out; ``conventional``: that part of the summary."""
-        joined = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in _HANDED_OUT
-        }
+    def of(cls, evaluations: Evaluations, conventional: Mapping[str, Any]) -> Poses:
+        """Take what the engine handed out; ``conventional``: that part of the summary."""
+        joined = {name: getattr(evaluations, name) for name in _HANDED_OUT}
         errors = ate_errors(conventional, joined["ground_truth"], joined["estimate"])
         translation, rotation = (np.where(joined["sampled"], part, np.nan) for part in errors)
         return cls(**joined, ate_translation=translation, ate_rotation=rotation)

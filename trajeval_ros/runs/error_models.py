@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from trajeval_ros.error_model.recorded import Recorded
 from trajeval_ros.error_model.running import Poses, RunningErrorModel
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.results import Evaluations
+from trajeval_ros.runs.kept import WholeRun
 
 Figures = dict[str, Any]
 
@@ -95,23 +95,21 @@ class LiveErrorModels:
         self._figures = found
 
 
-def error_models(
-    engine: Engine, name: str, parts: Iterable[Evaluations], *, whole: bool
-) -> dict[str, Figures]:
+def error_models(engine: Engine, name: str, kept: WholeRun, *, whole: bool) -> dict[str, Figures]:
     """Of the ``run`` and of its ``window``, where there are enough poses.
 
-    ``parts``: all evaluations of the run. ``whole``: the engine has all of the ground truth still.
+    ``kept``: all poses of the run. ``whole``: the engine has all of the ground truth still.
     """
     offset = engine.settings.estimates[name].time_offset
     live = LiveErrorModels(engine.settings.evaluation.window)
-    poses = []
-    for part in parts:
+    some = False
+    for part in kept.parts:
         if part.sampled.any():
-            poses.append(poses_of(part, offset))
+            some = True
             live.add(part, offset)
             while not whole and live.fit_block():
                 pass
-    if not poses:
+    if not some:
         return {}
     if not whole:
         live.fit_all()
@@ -122,7 +120,7 @@ def error_models(
     def truth(asked: npt.NDArray[np.int64]) -> Truth:
         return engine.truth(asked, name)
 
-    all_poses = Poses.joined(poses)
+    all_poses = poses_of(kept.evaluations, offset)
     stamps = all_poses.truth.stamps
     run = fit(stamps, all_poses.estimate, truth, all_poses.truth.at(stamps))
     if run is not None:
@@ -131,17 +129,16 @@ def error_models(
 
 
 def error_model_on_positions(
-    engine: Engine, name: str, parts: Iterable[Evaluations], *, whole: bool
+    engine: Engine, name: str, evaluations: Evaluations, *, whole: bool
 ) -> Figures | None:
-    """Of a run against ground truth without orientation; arguments as of `error_models`.
+    """Of a run's ``evaluations`` against ground truth without orientation; else as `error_models`.
 
     None where it cannot be told. Orientations of the ground truth are not looked at.
     """
     offset = engine.settings.estimates[name].time_offset
-    poses = [poses_of(part, offset) for part in parts if part.sampled.any()]
-    if not poses:
+    if not evaluations.sampled.any():
         return None
-    everything = Poses.joined(poses)
+    everything = poses_of(evaluations, offset)
 
     def truth(asked: npt.NDArray[np.int64]) -> Truth:
         return engine.truth(asked, name) if whole else everything.truth.at(asked)
@@ -163,7 +160,9 @@ def put_into(summary: Figures, models: dict[str, Figures]) -> None:
 
 def poses_of(evaluations: Evaluations, offset: int) -> Poses:
     """Those outside the ground truth's gaps, within which its errors go on from pose to pose."""
-    known = evaluations.sampled
+    known: slice | npt.NDArray[np.bool_] = evaluations.sampled
+    if evaluations.sampled.all():
+        known = slice(None)  # nothing is copied
     return Poses(
         Recorded(
             evaluations.stamps[known] + offset,

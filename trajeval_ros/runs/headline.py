@@ -26,7 +26,6 @@ from trajeval_ros.diagnosis.fitted import (
     lever_arm_to_set,
 )
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
-from trajeval_ros.error_model.running import Poses
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.runs.error_models import poses_of
@@ -42,21 +41,19 @@ RMSES = ("ate_translation", "ate_rotation", "re_translation", "re_rotation")
 
 def with_headline(
     summary: Figures,
-    parts: Iterable[Evaluations],
+    evaluations: Evaluations,
     offset: int,
     start: int,
     settings: EvaluationSettings,
 ) -> Figures:
     """Return a summary with its ``headline``.
 
-    ``parts``: all evaluations of the run; ``offset`` (ns) is what is added to the estimate's
+    ``evaluations``: all of the run; ``offset`` (ns) is what is added to the estimate's
     stamps, and ``start`` (ns) the beginning of the run, both on the ground truth's clock.
     """
-    all_parts = list(parts)
-    poses = [poses_of(part, offset) for part in all_parts if part.sampled.any()]
-    if not poses:
+    if not evaluations.sampled.any():
         return {**summary, "headline": None}
-    whole = Poses.joined(poses)
+    whole = poses_of(evaluations, offset)
     truth, conventional = whole.truth, summary["conventional"]
     evaluated = Evaluated("", truth.stamps, truth.poses, whole.estimate)
     gauge, delta, unit = (
@@ -82,7 +79,7 @@ def with_headline(
         "ground_truth": {
             "translation_std": float(np.median(stds[0])),
             "rotation_std": None if summary.get("position_only") else float(np.median(stds[1])),
-            "share_in_gaps": 1.0 - len(truth.stamps) / sum(len(part) for part in all_parts),
+            "share_in_gaps": 1.0 - len(truth.stamps) / len(evaluations),
         },
     }
     return {**summary, "headline": headline}

@@ -9,7 +9,7 @@ answers to the poses when they came, beside the same poses as they came.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -126,7 +126,7 @@ class LatestPath:
 
 def scored(
     path: PoseSamples,
-    evaluated: Sequence[Evaluations],
+    evaluated: Iterable[Evaluations],
     settings: EvaluationSettings,
     estimate: EstimateSettings,
 ) -> Figures | None:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.comparison.compare import Evaluated
+from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.fitted import clock_causes, lever_arm_causes
@@ -27,12 +27,13 @@ from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
-from trajeval_ros.online.results import Evaluations, Health, Results, TopicHealth
-from trajeval_ros.online.whole_run import Poses, grown, whole_run
+from trajeval_ros.online.results import Health, Results, TopicHealth
+from trajeval_ros.online.whole_run import grown, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_model_on_positions, error_models, put_into
 from trajeval_ros.runs.far_offset import far_offset
 from trajeval_ros.runs.headline import with_headline
+from trajeval_ros.runs.kept import WholeRun
 from trajeval_ros.runs.latest_path import on_positions, scored
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
@@ -217,7 +218,7 @@ def completed(
                 # Where the motion shows the alignment.
                 model = shield(
                     "the error model",
-                    lambda: error_model_on_positions(engine, name, kept.parts, whole=whole),
+                    lambda: error_model_on_positions(engine, name, kept.evaluations, whole=whole),
                     None,
                     report.say,
                 )
@@ -236,7 +237,7 @@ def completed(
         lack: dict[str, Figures] = {}
         models = shield(
             "the error model",
-            lambda: error_models(engine, name, kept.parts, whole=whole),
+            lambda: error_models(engine, name, kept, whole=whole),
             lack,
             report.say,
         )
@@ -259,7 +260,7 @@ def completed(
         start = min(int(truth.stamps.min()), int(estimate.stamps.min()) + offset)
         summary = shield(
             "the headline",
-            lambda: with_headline(summary, kept.parts, offset, start, evaluation),
+            lambda: with_headline(summary, kept.evaluations, offset, start, evaluation),
             summary,
             report.say,
         )
@@ -327,49 +328,6 @@ def _left_out(trajectory: Trajectory) -> dict[str, npt.NDArray[np.int64]]:
         str(Reason.NON_FINITE): trajectory.non_finite_stamp_rows,
         str(Reason.SUPERSEDED): trajectory.superseded_rows,
     }
-
-
-class WholeRun:
-    """Every evaluated pose of a run, for the figures that need them all at once."""
-
-    def __init__(self) -> None:
-        self._poses: list[Evaluations] = []
-        self._cross: list[npt.NDArray[np.float64]] = []
-
-    def add(self, results: Results) -> None:
-        """Keep the poses."""
-        self._poses.append(results.evaluations)
-        self._cross.extend(results.cross)
-
-    @property
-    def parts(self) -> tuple[Evaluations, ...]:
-        """The poses as they came."""
-        return tuple(self._poses)
-
-    @property
-    def stamps(self) -> npt.NDArray[np.int64]:
-        """Of the poses, (N,) ns, the estimate's own."""
-        return self._column("stamps")
-
-    def known(self, name: str, offset: int) -> Evaluated:
-        """Return the poses outside the ground truth's gaps: within, the errors would be its own.
-
-        Their stamps on the ground truth's clock are ``offset`` (ns) later.
-        """
-        stamps, truth, estimate, sampled = (
-            self._column(field) for field in ("stamps", "ground_truth", "estimate", "sampled")
-        )
-        return Evaluated(name, stamps[sampled] + offset, truth[sampled], estimate[sampled])
-
-    @property
-    def poses(self) -> Poses:
-        """All of them; joined at each look."""
-        names = ("stamps", "ground_truth", "covariance", "estimate", "sampled")
-        columns = {name: self._column(name) for name in names}
-        return Poses(**columns, cross=tuple(self._cross))
-
-    def _column(self, name: str) -> npt.NDArray[Any]:
-        return np.concatenate([getattr(poses, name) for poses in self._poses])
 
 
 def _where_to_look(title: str, trajectory: Trajectory, health: TopicHealth) -> list[str]:
