@@ -60,3 +60,28 @@ def test_late_poses_are_taken_in_their_place(graph: Graph, tmp_path: Path) -> No
             for name in ("late", "sorted")
         )
         assert mine == pytest.approx(others, rel=1e-9)
+
+
+def test_late_ground_truth_is_taken_in_its_place(graph: Graph, tmp_path: Path) -> None:
+    """Every third sample is overtaken by the two after it; what was decided first is counted."""
+    graph.start_evaluator(
+        gp__hyperparameters="fixed", max_wait=30.0, output__directory=str(tmp_path / "out")
+    )
+    truth, estimate = publishers = [graph.publisher(t) for t in ("ground_truth", "estimate")]
+    graph.until_heard(*publishers)
+    made = data.messages(PoseStamped, TRUTH)
+    order = np.arange(len(made))
+    for n in range(30, len(made) - 10, 3):
+        order[n : n + 3] = order[[n + 1, n + 2, n]]
+    for each in data.messages(PoseStamped, ESTIMATE):
+        estimate.publish(each)
+    graph.until_accounted("estimate", len(ESTIMATE))
+    for place in order.tolist():
+        truth.publish(made[place])
+    graph.until_accounted("ground_truth", len(made))
+    assert graph.call("/evaluator/save").success
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    counts = found["ground_truth"]
+    assert accounted(counts, "used")
+    assert sum(counts["rejected"].values()) == counts["rejected"]["out_of_order"] <= 2
+    assert found["estimate"]["evaluated"] > 0.8 * len(ESTIMATE)

@@ -101,7 +101,7 @@ class Engine:
 
     def add_ground_truth(self, samples: PoseSamples) -> None:
         """Take ground-truth samples, in the order of their arrival."""
-        self._reference.add(samples)
+        self._reference.add(samples, self._settings.timing.max_wait)
         self._pass_on()
 
     def add_estimate(self, samples: PoseSamples, name: str | None = None) -> None:

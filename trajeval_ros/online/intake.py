@@ -202,6 +202,17 @@ class Intake:
                 continue
             if waiting is not None:
                 before = int(samples.stamps[waiting])
+                if stamp < before and late is not None and self._confirms(stamp, before):
+                    keep.append(waiting)
+                    kept.add(before)
+                    self._let_in(before)
+                    waiting = None
+                    if late(stamp, before):
+                        keep.append(i)
+                        kept.add(stamp)
+                    else:
+                        self._reject(Reason.OUT_OF_ORDER, places[i])
+                    continue
                 if stamp < before:
                     self._reject(Reason.STAMP_JUMP, places[waiting])
                 elif before == 0 and stamp > _LONGEST_FIRST_STEP:
@@ -220,6 +231,10 @@ class Intake:
         index = np.arange(len(samples))
         self._held = None if waiting is None else arrived.where(index == waiting)
         return _by_stamp(_select(samples, np.isin(index, keep)))
+
+    def _confirms(self, stamp: int, leaped: int) -> bool:
+        """Whether a pose that comes after one that ``leaped`` (ns) leaps nearly as far."""
+        return self._last is not None and stamp - self._last > LEAP and leaped - stamp <= LEAP
 
     def _reject(self, reason: Reason, place: np.int64) -> None:
         self.account.reject(reason, 1, int(place))

@@ -18,6 +18,7 @@ from trajeval_ros.ground_truth.stamping import Stamping
 from trajeval_ros.ground_truth.trajectory import GroundTruth
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.coverage import Odometer, Presence
+from trajeval_ros.online.disorder import Disorder
 from trajeval_ros.online.intake import Accepted, Intake
 from trajeval_ros.online.results import Notice, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
@@ -38,6 +39,7 @@ class Reference:
         self._lesson: tuple[Hyperparameters, Notice] | None = None
         self._intake = Intake(settings.use_covariance, settings.axes)
         self._faults = Faults()
+        self._disorder = Disorder()
         self._stamping = Stamping(settings.regularize_stamps)
         process = settings.process
         self._screen = Screen((process.translation_std, process.rotation_std), self._faults)
@@ -49,7 +51,7 @@ class Reference:
     @property
     def known(self) -> Stamps:
         """Stamps of the retained samples and, after them, of those that are held back."""
-        held = self._screen.held, self._stamping.held
+        held = self._screen.held, self._stamping.held, self._disorder.held
         return np.concatenate([self.ground_truth.stamps, *held])
 
     @property
@@ -58,18 +60,24 @@ class Reference:
         truth = self.ground_truth
         return truth.hyperparameters is not None and len(truth.stamps) > 0
 
-    def add(self, samples: PoseSamples) -> None:
-        """Take samples, in the order of their arrival."""
-        self._append(self._intake.accept(samples))
+    def add(self, samples: PoseSamples, max_wait: int = 0) -> None:
+        """Take samples, in the order of their arrival; ``max_wait`` (ns): how late they may be."""
+
+        def late(stamp: int, newest: int) -> bool:
+            return self._disorder.takes(stamp, newest, max_wait)
+
+        self._append(self._intake.accept(samples, late))
 
     def confirm(self, now: int) -> None:
-        """Let in the sample held back if its stamp is not after ``now`` (ns)."""
+        """Let in the samples held back if their stamps are not after ``now`` (ns)."""
         self._append(self._intake.confirm(now))
+        self._append_ordered(self._disorder.confirm(now))
         self._append_stamped(self._stamping.confirm(now))
 
     def conclude(self) -> None:
         """No more samples will come."""
         self._append(self._intake.conclude())
+        self._append_ordered(self._disorder.conclude())
         self._append_stamped(self._stamping.conclude())
         self._append_screened(self._screen.conclude())
         self.ground_truth.conclude()
@@ -77,6 +85,11 @@ class Reference:
     def _append(self, accepted: Accepted) -> None:
         if len(accepted.stamps):
             samples = Samples(accepted.stamps, accepted.poses, accepted.covariances)
+            assert self._intake.last is not None
+            self._append_ordered(self._disorder.accept(samples, self._intake.last))
+
+    def _append_ordered(self, samples: Samples) -> None:
+        if len(samples):
             self._append_stamped(self._stamping.accept(samples))
 
     def _append_stamped(self, samples: Samples) -> None:
@@ -148,7 +161,8 @@ class Reference:
     def health(self) -> TopicHealth:
         """Return the topic's account."""
         account = self._intake.account
-        held = self._intake.held + len(self._stamping.held) + len(self._screen.held)
+        held = self._intake.held + len(self._disorder.held)
+        held += len(self._stamping.held) + len(self._screen.held)
         used = account.received - account.rejected_total - held
         return self._intake.health(used, held)
 
