@@ -289,7 +289,7 @@ class Screen:
         """Why so many of the next samples are left out, "" for none; None: not known yet."""
         assert self._before is not None
         usual, _, interval = self._motion()
-        ahead = min(max(round(_AHEAD / interval), _FEWEST_AHEAD), _MOST_AHEAD)
+        ahead = _ahead(interval)
         seen = pending[: ahead + 1]
         off = _apart(self._led_to(seen.stamps), seen.poses)
         # From the sample before the last: the last may have been stamped late.
@@ -301,6 +301,8 @@ class Screen:
         if not large.any():
             if not impossible[0] or not self._is_sudden(off[0, 0]):
                 return "", 1
+            if len(seen) <= ahead and not final:
+                return None
             return self._judge_jump(seen, off, np.array([True, False]), final)
         share = off[1:, large] / off[0, large]
         near = (share < _RETURNED).all(axis=1) & bool((impossible & large).any())
@@ -362,6 +364,8 @@ class Screen:
         """
         assert self._before is not None
         stamp, interval = int(pending.stamps[0]), self._motion()[2]
+        # What is known of the samples after it, in whatever batches they came.
+        known = pending[: min(_SIDE, _ahead(interval) + 1)]
         there, here = self._led_to(pending.stamps[:1])[0], pending.poses[0]
         back = np.eye(4)
         if turned:
@@ -369,7 +373,7 @@ class Screen:
         back[:3, 3] = there[:3, 3] - back[:3, :3] @ here[:3, 3]
         # What is left of the step, by the samples on both sides.
         sides = self._before[max(len(self._before) - _SIDE, 0) :] + replace(
-            pending[:_SIDE], poses=back @ pending.poses[:_SIDE]
+            known, poses=back @ known.poses
         )
         times = (sides.stamps - stamp) * 1e-9
         near = np.abs(times) < max(_AHEAD, (_FEWEST_AHEAD + 1.5) * interval)
@@ -412,6 +416,9 @@ class Screen:
         last = self._before.poses[-1]
         same = (pending.poses == last).all(axis=(1, 2))
         number = len(pending) if same.all() else int(np.argmin(same))
+        if pending.stamps[number - 1] - self._before.stamps[-1] > _LONGEST_FREEZE:
+            self._resting = True
+            return "", number
         usual, _, _ = self._motion()
         back = self._before[max(len(self._before) - _DIRECTED_STEPS - 1, 0) :]
         net = _apart(back.poses[:1], last[None])[0]
@@ -421,8 +428,7 @@ class Screen:
             return "", 1
         ended = number < len(pending)
         if not ended:
-            long = pending.stamps[-1] - self._before.stamps[-1] > _LONGEST_FREEZE
-            if not long and not final:
+            if not final:
                 return None
             self._resting = True
             return "", number
@@ -435,6 +441,11 @@ class Screen:
             return "frozen", number
         self._resting = True
         return "", number
+
+
+def _ahead(interval: float) -> int:
+    """The number of samples that are looked ahead, at so many seconds from one to the next."""
+    return min(max(round(_AHEAD / interval), _FEWEST_AHEAD), _MOST_AHEAD)
 
 
 def _apart(first: Array, second: Array) -> Array:
