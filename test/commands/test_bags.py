@@ -38,7 +38,7 @@ def test_without_topics_the_candidates_are_listed() -> None:
     result = evaluate_bag(bag("nav2_turtlebot.mcap"))
     assert result.returncode == 0
     assert result.stderr == ""
-    assert "Name two of them: --ground-truth TOPIC --estimate TOPIC" in result.stdout
+    assert "Name two of them behind the bag" in result.stdout
     assert re.search(r"/odom +nav_msgs/msg/Odometry +2,639 +27\.3 Hz", result.stdout)
     assert re.search(r"/amcl_pose +geometry_msgs/msg/PoseWithCov\w+ +135", result.stdout)
 

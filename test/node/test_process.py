@@ -98,6 +98,7 @@ def test_what_is_missing_is_said_until_it_comes_and_the_end_has_the_figures(grap
     said = node.output.count("waiting for")
     assert node.end() == 0
     assert node.output.count("waiting for") == said
+    assert re.search(r"estimates: \d+ received, \d+ evaluated", node.output)
     assert "coverage: 100 % of" in node.output
     assert re.search(r"ATE, RMSE: [\d.e-]+ m, [\d.e-]+ deg", node.output)
     for topic, heard in numbers.items():
@@ -278,7 +279,7 @@ def test_a_full_disk_at_the_end_costs_what_does_not_fit(graph: Graph, tmp_path: 
     assert sorted(os.listdir(out)) == ["poses.csv", "summary.json"]
     summary = summary_in(out)
     assert summary["estimate"]["received"] == counts[1]
-    assert f"{counts[1]} estimates received, {summary['estimate']['evaluated']}" in node.output
+    assert f"estimates: {counts[1]} received, {summary['estimate']['evaluated']}" in node.output
     assert "ATE, RMSE: " in node.output
     assert "report.html: File too large" in node.output
     assert "Traceback" not in node.output

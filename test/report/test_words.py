@@ -44,7 +44,7 @@ def test_the_worst_moment_is_judged_against_what_is_known(run: Run) -> None:
     error[50] = 0.16
     said = verdict(run, replace(series, translation_error=error, translation_band=band))
     assert f"furthest off at {series.seconds[50]:.1f} s" in said
-    assert "16 cm" in said
+    assert "160 mm" in said
     assert "1.3 m" not in said
 
 

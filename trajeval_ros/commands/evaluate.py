@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from trajeval_ros.commands import completion, console
+from trajeval_ros.commands import completion, console, evo_options
 from trajeval_ros.commands.requirements import Requirement, check, judge
 
 if TYPE_CHECKING:
@@ -30,8 +30,11 @@ examples:
   evaluate GROUND_TRUTH ESTIMATE --output results    two files of any format
   evaluate tum GROUND_TRUTH A.txt B.txt              which of two is better
   evaluate bag run.mcap                              the topics with a trajectory
+  evaluate bag run.mcap /ground_truth /odom          two of them
   evaluate tum GROUND_TRUTH ESTIMATE --set gauge=sim3 --set relative.delta=5
   evaluate tum --help                                all options and parameters
+
+several runs of each of several systems, with medians: benchmark --help
 
 exit codes: 0 done; 1 the data could not be evaluated, or a file not be written; 2 wrong usage;
 3 evaluated, and not as good as --require or --baseline asks for"""
@@ -131,7 +134,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if argv is None else argv
     parser = make_parser()
     completion.complete(parser, inputs.with_format)
-    arguments = parser.parse_args(inputs.with_format(given))
+    arguments, unknown = parser.parse_known_args(inputs.with_format(given))
+    if unknown:
+        return console.fail("evaluate", evo_options.refusal(unknown), console.WRONG_USAGE)
     arguments.given = tuple(given)
     return console.run(lambda: evaluate(arguments), "evaluate")
 

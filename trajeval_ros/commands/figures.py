@@ -8,6 +8,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from trajeval_ros.report.accounted import account
+
 Figures = Mapping[str, Any]
 
 _NONE = "-"
@@ -36,20 +38,6 @@ def metres(value: float | None) -> str:
 def degrees(value: float | None) -> str:
     """Return an angle, given in radians, in degrees."""
     return _NONE if value is None else f"{number(math.degrees(value))} deg"
-
-
-def account(counts: Figures, taken: str) -> str:
-    """Return one line that accounts for every message: received = taken + pending + rejected."""
-    parts = [f"{counts['received']:,} received", f"{counts[taken]:,} {taken}"]
-    if counts.get("pending"):
-        parts.append(f"{counts['pending']:,} pending")
-    rejected = {reason: count for reason, count in counts["rejected"].items() if count}
-    if rejected:
-        reasons = ", ".join(f"{count:,} {reason}" for reason, count in rejected.items())
-        parts.append(f"{sum(rejected.values()):,} rejected ({reasons})")
-    if counts.get("cut"):
-        parts.append(f"{counts['cut']:,} cut away")
-    return ", ".join(parts)
 
 
 def table(rows: Sequence[tuple[str, ...]], left: int = 1) -> list[str]:

@@ -64,19 +64,19 @@ def add_formats(
     tum = formats.add_parser(
         "tum", help="TUM files: stamp[s] tx ty tz qx qy qz qw", allow_abbrev=False
     )
-    _add_files(tum, "GROUND_TRUTH", "ESTIMATE", several)
+    _add_files(tum, "the reference", "what is to be scored", several)
     euroc = formats.add_parser(
         "euroc",
         help="EuRoC ground truth (csv, ns, w x y z) and an estimate in TUM's format",
         allow_abbrev=False,
     )
     _add_files(
-        euroc, "GROUND_TRUTH.csv", "ESTIMATE (TUM's format; EuRoC's where it ends in .csv)", several
+        euroc, "the reference, csv", "in TUM's format; EuRoC's where it ends in .csv", several
     )
     kitti = formats.add_parser(
         "kitti", help="KITTI files: the twelve numbers of 3x4 matrices", allow_abbrev=False
     )
-    _add_files(kitti, "GROUND_TRUTH", "ESTIMATE", several)
+    _add_files(kitti, "the reference", "what is to be scored", several)
     _add_times(kitti)
     bag = formats.add_parser(
         "bag",
@@ -84,6 +84,12 @@ def add_formats(
         allow_abbrev=False,
     )
     bag.add_argument("bag", metavar="BAG", help="file or folder; without topics: lists them")
+    bag.add_argument(
+        "topics",
+        metavar="TOPIC",
+        nargs="*",
+        help="the ground truth's and the estimate's, as with the two options",
+    )
     _add_topics(bag, several)
     auto = formats.add_parser(
         AUTO,
@@ -206,6 +212,8 @@ def recognised(arguments: argparse.Namespace) -> argparse.Namespace:
     UsageError
         For files that do not make up a ground truth and an estimate.
     """
+    if arguments.format == "bag":
+        return _with_topics(arguments, arguments.topics)
     if arguments.format != AUTO:
         return arguments
     files: list[str] = arguments.files
@@ -216,13 +224,16 @@ def recognised(arguments: argparse.Namespace) -> argparse.Namespace:
         raise UsageError(
             f"there is neither a file nor a format {files[0]!r}; formats: {', '.join(FORMATS)}"
         )
+    topics = files[1:] if not any(Path(one).exists() for one in files[1:]) else []
     try:
-        found = [recognise(file) if file in unnamed else None for file in files]
+        found = [recognise(one) if one in unnamed and one not in topics else None for one in files]
+        given = vars(arguments)
+        if found[0] is not None and found[0].format == "bag" and len(files) == 1 + len(topics):
+            bag = argparse.Namespace(**{**given, "format": "bag", "bag": files[0]})
+            return _with_topics(bag, topics)
+        found = [recognise(one) if one in unnamed else None for one in files]
     except TrajectoryFileError as error:
         raise CommandError(str(error)) from error
-    given = vars(arguments)
-    if len(files) == 1 and found[0] is not None and found[0].format == "bag":
-        return argparse.Namespace(**{**given, "format": "bag", "bag": files[0]})
     for file, kind in zip(files, found, strict=True):
         if kind is not None and kind.format == "bag":
             raise CommandError(f"{file}: it is {kind.evidence}: which topic? name bag:{file}:TOPIC")
@@ -232,6 +243,18 @@ def recognised(arguments: argparse.Namespace) -> argparse.Namespace:
         raise UsageError("name a ground truth and an estimate, in this order")
     names = {"ground_truth": files[0], "estimate": files[1:], "found": tuple(found)}
     return argparse.Namespace(**{**given, **names})
+
+
+def _with_topics(arguments: argparse.Namespace, topics: Sequence[str]) -> argparse.Namespace:
+    """The arguments with topics that stand behind the bag, as with the options."""
+    if not topics:
+        return arguments
+    if arguments.ground_truth is not None or arguments.estimate:
+        raise UsageError("name the topics behind the bag, or by --ground-truth and --estimate")
+    if len(topics) == 1:
+        raise UsageError("name two topics: the ground truth's and the estimate's, in this order")
+    named = {"ground_truth": topics[0], "estimate": list(topics[1:])}
+    return argparse.Namespace(**{**vars(arguments), **named})
 
 
 def _is_word(file: str) -> bool:
@@ -349,9 +372,11 @@ def _list_candidates(bag: str, progress: Progress, asked: bool) -> NoReturn:
     ]
     print("\n".join(table(rows, left=2)), flush=True)
     if asked:
-        print("\nName two of them: --ground-truth TOPIC --estimate TOPIC", flush=True)
+        print(
+            "\nName two of them behind the bag: the ground truth's, then the estimate's", flush=True
+        )
         raise Answered
-    raise UsageError("name two of these topics with --ground-truth and --estimate")
+    raise UsageError("name two of these topics, with --ground-truth and with --estimate")
 
 
 _TEN_HERTZ = "no --times: the poses of KITTI's files are taken to be 0.1 s apart, from 0 s"

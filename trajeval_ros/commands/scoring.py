@@ -103,8 +103,8 @@ def score(
     exports = exports or Exports()
     exports.write(Finished(data, parameters, scorings, found, everything.comparisons, recorded))
     failures += [*everything.failures, *exports.failures]
-    for remark in data.remarks:
-        print(f"info: {remark}")
+    for line in console.wrapped([f"info: {remark}" for remark in data.remarks], 4):
+        print(line)
     for number, (name, run) in enumerate(runs.items()):
         if number or data.remarks:
             print()
@@ -151,7 +151,7 @@ class _Together:
             print("\nCompared, each with each\n")
             summaries = {name: one.summary for name, one in found.items()}
             print("\n".join(figures.side_by_side(summaries)) + "\n")
-            print("\n".join(self.sentences))
+            print("\n".join(console.wrapped(self.sentences, 4)))
         if len(found) > 1 and output:
             folder = Path(output).expanduser().absolute()
             print(f"\nWritten: summary.json, report.html of all in {folder}")
@@ -325,7 +325,8 @@ class _Run:
         earlier = None if before is None else before.summary
         lines += answers.applied_lines(earlier, scored.summary, tuple(applied))
         print("\n".join([*console.wrapped(lines, 14), ""] if lines else []))
-        print("\n".join(figures.summary_lines(scored.summary, self._parameters)))
+        lines = figures.summary_lines(scored.summary, self._parameters)
+        print("\n".join(console.wrapped(lines, 14)))
         remarks = [
             f"likely cause: {cause['text']}. To try: {cause['advice']}."
             for cause in scored.summary["likely_causes"]

@@ -46,7 +46,7 @@ _GROUND_TRUTH = f"""
 hyperparameters.{_BOTH}.{_KERNEL}length_scale
 hyperparameters.{_BOTH}.{{signal,noise,smooth,rough,correlated_noise}}_std
 fit.{_BOTH}_{{mean_square,noise_std}} fit.{{segments_adapted,segments_closed,stamp_std}}
-faults.*.{{begin,code,count,detail,end,text}}
+faults.*.{{begin,code,count,detail,end,text}} faults.*.stamps.*
 """
 _OF_ONE = f"""
 {{version,gauge,position_only}} lever_arm.{_XYZ}

@@ -23,13 +23,14 @@ EXPLANATIONS = {
 
 # Stamps close together are named from so many on, and from so large a share of the samples on.
 _BURSTS, _BURST_SHARE = 10, 0.01
+_STAMPS = 100
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
     """Faults of one kind: ``code`` of :data:`EXPLANATIONS`, from ``begin`` to ``end`` (ns).
 
-    ``detail``: how large it is, in words.
+    ``detail``: how large it is, in words; ``stamps``: when each of the newest hundred jumps was.
     """
 
     code: str
@@ -37,6 +38,7 @@ class Fault:
     end: int
     count: int
     detail: str = ""
+    stamps: tuple[int, ...] = ()
 
     @property
     def text(self) -> str:
@@ -84,7 +86,8 @@ class Faults:
         moved, turned = self._jumped[0], math.degrees(self._jumped[1])
         size = f"{moved:.3g} m" + (f" and {turned:.2g} deg" if turned else "")
         detail = size if known.count == 1 else f"{size} at most"
-        self._found["origin_jump"] = replace(known, detail=detail)
+        stamps = (*known.stamps, stamp)[-_STAMPS:]
+        self._found["origin_jump"] = replace(known, detail=detail, stamps=stamps)
 
     @property
     def found(self) -> tuple[Fault, ...]:

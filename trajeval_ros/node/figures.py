@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from trajeval_ros.report import covered
+from trajeval_ros.report.accounted import account
 from trajeval_ros.report.after_closure import after_closure
 
 
@@ -17,7 +18,9 @@ def summary_lines(
 ) -> list[str]:
     """Return the figures of a whole run in a few lines for the log."""
     estimate, coverage = figures["estimate"], figures["coverage"]
-    lines = [f"{estimate['received']:,} estimates received, {estimate['evaluated']:,} evaluated"]
+    lines = [f"estimates: {account(estimate, 'evaluated')}"]
+    if not estimate["evaluated"]:
+        return [f"nothing was evaluated; {lines[0]}"]
     lost = covered.losses(coverage)
     lines.append(f"coverage: {covered.of_the_run(coverage)}{'; ' + lost if lost else ''}")
     conventional = figures["conventional"]

@@ -9,13 +9,14 @@ whether the ground truth can be trusted there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree, is_misread, shown_of_lever_arm
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 from trajeval_ros.report import covered
 from trajeval_ros.report.after_closure import after_closure
+from trajeval_ros.report.jumps import of_ground_truth
 
 Figures = Mapping[str, Any]
 
@@ -36,8 +37,8 @@ _UNTOLD = 0.5
 WHITE = 0.2
 # The noise of a sample is the assumed accuracy where it is no more than this times as large.
 _OF_THE_FLOOR = 1.5
-# m: below, millimetres.
-_SHORT = 0.5
+SHORT = 0.5
+"""m: below, millimetres."""
 # From here on there are as many digits as there are.
 _MANY = 1000.0
 
@@ -51,12 +52,13 @@ def _number(value: float, std: float | None, factor: float = 1.0) -> str:
     if not std > 0.0:
         return f"{value:.3g}"
     digits = min(max(1 - math.floor(math.log10(std)), 0), 9)
-    return f"{value:.{digits}f} ± {std:.{digits}f}"
+    # The zero takes the sign of what is rounded to it.
+    return f"{round(value, digits) + 0.0:.{digits}f} ± {std:.{digits}f}"
 
 
 def _length(figure: Figures, unit: str = "") -> str:
     value, std = figure["value"], figure["std"]
-    if max(abs(value), std or 0.0) < _SHORT:
+    if max(abs(value), std or 0.0) < SHORT:
         return f"{_number(value, std, 1e3)} mm{unit}"
     return f"{_number(value, std)} m{unit}"
 
@@ -90,7 +92,7 @@ def answer(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
         return [*_how_good(summary, parameters), ("Kind of error", text)]
     return [
         *_how_good(summary, parameters),
-        *sentences(summary.get("error_model"), _start(summary), _headline(summary).get("without")),
+        *sentences(summary),
         *_where(summary, parameters),
     ]
 
@@ -136,7 +138,7 @@ def _with_interval(conventional: Figures, intervals: Figures, name: str) -> list
         between = ""
         if interval is not None:
             # In the unit of the figure itself, whatever theirs would be.
-            factor = 1e3 if part == "translation" and rmse < _SHORT else 1.0
+            factor = 1e3 if part == "translation" and rmse < SHORT else 1.0
             factor = math.degrees(1.0) if part == "rotation" else factor
             between = " ({} to {})".format(*(_number(v, None, factor) for v in interval))
         found.append(f"{show(_plain(rmse))}{between}")
@@ -169,17 +171,21 @@ def _where(summary: Figures, parameters: Figures) -> list[tuple[str, str]]:
     return found
 
 
-def sentences(
-    model: Figures | None, start: float = 0.0, without: Figures | None = None
-) -> list[tuple[str, str]]:
-    """Return what there is to say, each with its title; nothing where nothing was fitted.
+def sentences(summary: Figures) -> list[tuple[str, str]]:
+    """Return what the error model says, each with its title; nothing where nothing was fitted.
 
-    A text has a line break where one may be. Times are said from ``start`` (s) on. ``without``: the
-    conventional figures without what is not its fault.
+    A text has a line break where one may be. Times are said from the run's start on.
     """
+    model = summary.get("error_model")
     if model is None:
         return []
-    return [*leading(model, without), *_doubts(model, start)]
+    start = _start(summary)
+    return [
+        *leading(model, _headline(summary).get("without")),
+        *_not_observed(model),
+        *_jumps(model["jumps"], of_ground_truth(model["jumps"], summary), start),
+        *_doubts(model, start),
+    ]
 
 
 def leading(model: Figures, without: Figures | None = None) -> list[tuple[str, str]]:
@@ -244,7 +250,7 @@ def _faults(model: Figures, without: Figures | None) -> str:
     if not found:
         return f"nothing beyond doubt ({', '.join(none)})" if none else "nothing that can be told"
     rest = f".\nNothing beyond doubt in {', '.join(none)}" if none else ""
-    return f"{', '.join(found)}: {gain:.3g} nats a pose{_better(without)}{rest}"
+    return f"{', '.join(found)}: {_number(gain, None)} nats a pose{_better(without)}{rest}"
 
 
 def _on_positions(summary: Figures) -> list[tuple[str, str]]:
@@ -296,8 +302,7 @@ def _plain(value: float) -> dict[str, float | None]:
     return {"value": value, "std": None}
 
 
-def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
-    found = []
+def _not_observed(model: Figures) -> list[tuple[str, str]]:
     hidden = {name for each in model["unobserved"] for name in each["of"]}
     parts = []
     for title, names in _TITLES:
@@ -305,19 +310,31 @@ def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
         if of:
             axes = "" if len(of) == len(names) else f" ({', '.join(of)})"
             parts.append(f"{title}{axes}")
-    if parts:
-        found.append(("Not observed", f"{', '.join(parts)}: the motion does not show it"))
-    jumps = model["jumps"]
-    if jumps:
-        largest = max(jumps, key=lambda jump: jump["translation"])
-        when = largest["stamp"] * 1e-9 - start
-        found.append(
-            (
-                "Jumps",
-                f"{len(jumps)}, the largest {1e3 * largest['translation']:.3g} mm,"
-                f" {math.degrees(largest['rotation']):.2g} deg at {when:.1f} s",
-            )
-        )
+    if not parts:
+        return []
+    return [("Not observed", f"{', '.join(parts)}: the motion does not show it")]
+
+
+def _jumps(jumps: Sequence[Figures], blamed: Sequence[bool], start: float) -> list[tuple[str, str]]:
+    """How many, and the largest; ``blamed``: whether the ground truth itself has jumped there."""
+    own = [jump for jump, not_its in zip(jumps, blamed, strict=True) if not not_its]
+    if not jumps:
+        return []
+    largest = max(own or jumps, key=lambda jump: jump["translation"])
+    text = (
+        f"{len(own) or len(jumps)}, the largest {_length(_plain(largest['translation']))},"
+        f" {math.degrees(largest['rotation']):.2g} deg"
+        f" at {largest['stamp'] * 1e-9 - start:.1f} s"
+    )
+    if not own:
+        text += ", where the ground truth itself jumps"
+    elif len(own) < len(jumps):
+        text += f"; {len(jumps) - len(own)} more where the ground truth itself jumps"
+    return [("Jumps", text)]
+
+
+def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
+    found = []
     if disagree(model):
         by = model["clock_offset_by"]
         first, second = (_number(**by[group], factor=1e3) for group in ("translation", "rotation"))

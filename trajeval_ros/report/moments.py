@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from trajeval_ros.report.coverage import SECOND
+from trajeval_ros.report.jumps import of_ground_truth
 from trajeval_ros.report.series import coverage_gaps
 from trajeval_ros.report.shown import Shown
 from trajeval_ros.report.words import length
@@ -66,7 +67,11 @@ def moments(one: Shown) -> list[Moment]:
     if named is not None or series.shows_errors:
         found.append(Moment("worst", f"worst, {length(error)}", worst, worst))
     model = summary.get("error_model") or {}
-    jumps = sorted(model.get("jumps", ()), key=lambda jump: -float(jump["translation"]))
+    jumps = model.get("jumps", ())
+    # Where the ground truth itself jumps, that is a moment of its own.
+    blamed = zip(jumps, of_ground_truth(jumps, summary), strict=True)
+    jumps = [jump for jump, not_its in blamed if not not_its]
+    jumps = sorted(jumps, key=lambda jump: -float(jump["translation"]))
     for jump in jumps[:_MOST]:
         size = f"{length(jump['translation'])}, {math.degrees(jump['rotation']):.2g}°"
         found.append(Moment("jump", f"jump of {size}", jump["stamp"], jump["stamp"]))

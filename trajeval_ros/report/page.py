@@ -11,7 +11,6 @@ from pathlib import Path
 
 from trajeval_ros import charts
 from trajeval_ros.report import answers, kinds, words
-from trajeval_ros.report.after_closure import after_closure
 from trajeval_ros.report.glossary import CAPTIONS, HOW_TO_READ
 from trajeval_ros.report.payload import payload
 from trajeval_ros.report.run import Run
@@ -95,9 +94,6 @@ def _section(title: str, content: str) -> str:
 def _answer(one: Shown, named: bool) -> str:
     """How good it is, in words and in the figures that everybody looks for first."""
     said_first = answers.answer(one.run.summary, one.run.parameters)
-    closed = after_closure(one.run.summary.get("latest_path"))
-    if closed is not None:
-        said_first.append(("Latest path", closed))
     rows = "".join(
         f'<tr><th scope="row">{title}</th><td>{html.escape(text)}</td></tr>'
         for title, text in said_first
@@ -108,8 +104,9 @@ def _answer(one: Shown, named: bool) -> str:
     tiles = "" if named else _tiles(words.tiles(one.run, one.series))
     # Of a whole run the table says where it is worst, and what the ground truth is known to.
     told = one.series is not None and one.run.summary.get("headline")
-    said = words.lead(one.run) if told else words.verdict(one.run, one.series)
-    return f"<section>{title}<p class=verdict>{said}</p>{table}{tiles}{_notices(one.run)}</section>"
+    said = words.not_told_apart(one.run) if told else words.verdict(one.run, one.series)
+    verdict = f"<p class=verdict>{said}</p>" if said else ""
+    return f"<section>{title}{verdict}{table}{tiles}{_notices(one.run)}</section>"
 
 
 def _tiles(tiles: Iterable[tuple[str, str, str]]) -> str:

@@ -34,7 +34,8 @@ _TRUTH, _BAND, _GRID = "#000000", "#BBBBBB", "#DDDDDD"
 _POINTS = 2000
 _STYLE: Any = {
     "font.family": "serif",
-    "font.serif": ["STIXGeneral", "DejaVu Serif"],
+    # The first is drawn with; an SVG's text has those of whoever looks at it.
+    "font.serif": ["STIXGeneral", "Times New Roman", "Times", "Liberation Serif", "DejaVu Serif"],
     "mathtext.fontset": "stix",
     "font.size": 8.0,
     "axes.labelsize": 8.0,
@@ -131,13 +132,14 @@ def error(drawn: Sequence[Curves], width: float) -> Figure:
             seconds, 0.0, widest.known[part], color=_BAND, linewidth=0, label="ground truth, 2 σ"
         )
 
-    return _over_time(drawn, width, lambda one: (one.stamps, one.ate), "", band)
+    titles = ("translation (m)", "rotation (°)")
+    return _over_time(drawn, width, lambda one: (one.stamps, one.ate), titles, band)
 
 
 def relative_error(drawn: Sequence[Curves], width: float) -> Figure:
     """The errors of the steps of RE over time, at the end of each."""
-    over = f" over {drawn[0].re_step}"
-    return _over_time(drawn, width, lambda one: (one.steps_end, one.re), over, None)
+    titles = tuple(f"RE over {drawn[0].re_step} ({unit})" for unit in ("m", "°"))
+    return _over_time(drawn, width, lambda one: (one.steps_end, one.re), titles, None)
 
 
 def comparison(drawn: Sequence[Curves], width: float) -> Figure:
@@ -164,7 +166,7 @@ def _over_time(
     drawn: Sequence[Curves],
     width: float,
     values: Callable[[Curves], tuple[npt.NDArray[np.int64], tuple[Array, Array]]],
-    over: str,
+    titles: tuple[str, ...],
     band: Callable[[Any, int, int], None] | None,
 ) -> Figure:
     rotation = any(one.has_rotation for one in drawn)
@@ -172,7 +174,6 @@ def _over_time(
     figure = Figure(figsize=(width, 0.5 + rows * (1.15 if width < 5 else 1.25)))
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     start = min(int(one.stamps[0]) for one in drawn)
-    titles = (f"translation{over} (m)", f"rotation{over} (°)")
     for part, (axes, title) in enumerate(zip(panels, titles, strict=False)):
         if band is not None:
             band(axes, part, start)

@@ -16,7 +16,7 @@ from trajeval_ros.likelihood.figures import p_value as two_sided_p_value
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS
 from trajeval_ros.report import covered
-from trajeval_ros.report.answers import assumed_accuracy
+from trajeval_ros.report.answers import SHORT, assumed_accuracy
 from trajeval_ros.report.coverage import SECOND, Coverage
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import Array, Series, coverage_gaps, span
@@ -40,21 +40,20 @@ def number(value: float | None, digits: int = 4) -> str:
         text = f"{value:.{digits}g}"
     elif size < 1e9:
         text = f"{value:,.0f}"
+    elif size < 1e15:
+        text = f"{value / 1e12:.{digits}g} T" if size >= 1e12 else f"{value / 1e9:.{digits}g} G"
     else:
         text = f"{value:.{digits - 1}e}"
     return text.replace("-", "−")
 
 
 def length(metres: float | None) -> str:
-    """Return a length in the unit that suits it."""
+    """Return a length as the first lines of a result say it: below half a metre in millimetres."""
     if metres is None:
         return _DASH
     if metres >= 1000.0:
         return f"{metres:,.0f} m"
-    for unit, size in (("m", 1.0), ("cm", 0.01), ("mm", 0.001)):
-        if metres >= size:
-            return f"{metres / size:.3g} {unit}"
-    return f"{metres * 1000:.3g} mm"
+    return f"{metres:.3g} m" if metres >= SHORT else f"{1e3 * metres:.3g} mm"
 
 
 def angle(radians: float | None) -> str:
@@ -88,24 +87,20 @@ def verdict(run: Run, series: Series | None) -> str:
 
 
 def lead(run: Run) -> str:
-    """Return how much is covered, and how the error compares with the ground truth's."""
-    summary = run.summary
-    sentences = [_covered(summary["coverage"])]
+    """Return how much is covered, and whether the estimate can be told from the ground truth."""
+    return " ".join(filter(None, (_covered(run.summary["coverage"]), not_told_apart(run))))
+
+
+def not_told_apart(run: Run) -> str:
+    """Say so where the errors are within what the ground truth is known to; else nothing."""
     # A relative likelihood does not know the scale.
-    which = "absolute" if summary["gauge"] == "sim3" else "relative"
-    likelihood = summary[which]
+    which = "absolute" if run.summary["gauge"] == "sim3" else "relative"
+    likelihood = run.summary[which]
     probability = p_value(likelihood)
-    if probability is not None:
-        worth = math.sqrt(likelihood["chi2_per_dof"])
-        if probability > _NOT_TOLD_APART or worth < 1.0:
-            sentences.append("The estimate cannot be told from the ground truth.")
-        else:
-            over = "Once aligned" if which == "absolute" else "From one estimate to the next"
-            sentences.append(
-                f"{over}, the error is worth"
-                f" <b>{number(worth, 3)} standard deviations</b> of the ground truth."
-            )
-    return " ".join(sentences)
+    if probability is None:
+        return ""
+    alike = probability > _NOT_TOLD_APART or likelihood["chi2_per_dof"] < 1.0
+    return "The estimate cannot be told from the ground truth." if alike else ""
 
 
 def spread(name: str, series: Series) -> list[str]:

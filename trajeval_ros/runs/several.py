@@ -25,6 +25,10 @@ Figures = dict[str, Any]
 
 _SAME_INSTANTS = 0.99
 """So large a part of the poses of both are pairs where both are at the same instants."""
+# Jumps are the same within so long (ns) of one another, and where the lengths are in this ratio;
+# by chance alone one or two may be.
+_AT_ONCE, _AS_MUCH = 150_000_000, 0.8
+_FEWEST_SHARED = 3
 MOST_POSES = 100_000
 """So many poses of each estimate are kept to be compared while a node runs: 80 minutes at 20 Hz."""
 
@@ -86,6 +90,49 @@ def causes_of_all(evaluated: Sequence[Evaluated]) -> tuple[Cause, ...]:
     return (Cause("ground_truth_or_shared", text, advice),)
 
 
+def jumps_of_all(summaries: Mapping[str, Mapping[str, Any]]) -> tuple[Cause, ...]:
+    """Return where two estimates jump at once and by as much, which is the ground truth's doing."""
+    found = [
+        (a, b, shared)
+        for (a, one), (b, other) in itertools.combinations(summaries.items(), 2)
+        if len(shared := shared_jumps(one, other)) >= _FEWEST_SHARED
+    ]
+    if not found:
+        return ()
+    a, b, shared = max(found, key=lambda each: len(each[2]))
+    stamp, size = max(shared, key=lambda jump: jump[1])
+    text = (
+        f"{a} and {b} jump at the same {len(shared)} moments by the same lengths, the largest"
+        f" {_length(size)} at {stamp * 1e-9:.3f} s: the ground truth jumps there, or they"
+        " share a front end"
+    )
+    return (Cause("ground_truth_jumps", text, "do not count these jumps against either"),)
+
+
+def shared_jumps(one: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[tuple[int, float], ...]:
+    """Return the jumps of two summaries' error models that are the same: stamp (ns) and size (m).
+
+    Stamps are the ground truth's, by what each model says of its clock.
+    """
+    first, second = _jumps_of(one), _jumps_of(other)
+    return tuple(
+        (stamp, size)
+        for stamp, size in first
+        if any(
+            abs(stamp - at) <= _AT_ONCE and min(size, length) > _AS_MUCH * max(size, length)
+            for at, length in second
+        )
+    )
+
+
+def _jumps_of(summary: Mapping[str, Any]) -> list[tuple[int, float]]:
+    model = summary.get("error_model")
+    if model is None:
+        return []
+    clock = round(1e9 * model["clock_offset"]["value"])
+    return [(jump["stamp"] + clock, jump["translation"]) for jump in model["jumps"]]
+
+
 def _length(metres: float) -> str:
     return f"{metres:.3g} m" if metres >= 0.1 else f"{100.0 * metres:.2g} cm"
 
@@ -110,6 +157,7 @@ def looked_at_together(
     )
     turning = [one for name, one in evaluated.items() if not summaries[name].get("position_only")]
     causes = shield("the search for likely causes", lambda: causes_of_all(turning), no_causes, say)
+    causes += shield("the search for jumps", lambda: jumps_of_all(summaries), no_causes, say)
     return comparisons, causes
 
 

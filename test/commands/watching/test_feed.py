@@ -53,8 +53,8 @@ def test_figures_are_those_of_the_topic_and_their_words() -> None:
     assert estimate["figures"]["conventional"]["re_unit"] == "s"
     tiles = {tile["title"]: (tile["value"], tile["remark"]) for tile in estimate["tiles"]}
     assert tiles == {
-        "ATE": ("1.23 cm", "0.573°, aligned, whole run"),
-        "RE": ("2 cm", "over 1 s, whole run"),
+        "ATE": ("12.3 mm", "0.573°, aligned, whole run"),
+        "RE": ("20 mm", "over 1 s, whole run"),
         "Accuracy": ("6.17 mm", "noise-equivalent, last 30 s"),
         "Coverage": ("100 %", "of 12 s"),
     }
@@ -123,7 +123,7 @@ def test_a_figure_that_is_no_number_is_a_dash(text: str) -> None:
     )
     message = shown(watched)
     section = message["sections"]["estimate/estimate"]
-    assert [tile["value"] for tile in section["tiles"]] == ["–", "25 cm", "–", "–"]
+    assert [tile["value"] for tile in section["tiles"]] == ["–", "250 mm", "–", "–"]
     assert section["figures"]["conventional"]["ate_translation_rmse"] == text
     curves = message["curves"]["figures/estimate"]
     row = dict(zip(curves["columns"], curves["rows"][0], strict=True))
