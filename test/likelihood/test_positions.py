@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Positions without orientations: against dense twins, and in simulation."""
 
+import pickle
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -9,7 +11,12 @@ import pytest
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.likelihood.gaussian import CovarianceError, GaussianLogLikelihood
-from trajeval_ros.likelihood.positions import LEVER_ARM_STD, PositionError, position_error
+from trajeval_ros.likelihood.positions import LEVER_ARM_STD
+from trajeval_ros.likelihood.running_positions import (
+    PositionError,
+    RunningPositions,
+    position_error,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -90,12 +97,16 @@ def test_both_likelihoods_are_those_of_dense_twins(gauge: str, count: int) -> No
     assert found.absolute is not None
     assert found.relative is not None
     design = derivatives(found, estimate, gauge)
+    residual = found.residual(positions, estimate)
+    assert found.rmse == pytest.approx(np.sqrt((residual**2).sum(axis=1).mean()), rel=1e-9)
+    steps = np.diff(residual, axis=0)
+    assert found.step_rmse == pytest.approx(np.sqrt((steps**2).sum(axis=1).mean()), rel=1e-9)
     size, width = 3 * count, design.shape[-1]
     dense = np.zeros((size, size))
     for i, block in enumerate(covariance):
         dense[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
     flat = design.reshape(size, width)
-    twin = integral(found.residual.reshape(-1), dense, flat, found.lever_arm)
+    twin = integral(residual.reshape(-1), dense, flat, found.lever_arm)
     assert found.absolute.log_likelihood == pytest.approx(twin.log_likelihood, rel=1e-7)
     assert found.absolute.dof == twin.dof
     # At the optimum, as far as the residuals allow.
@@ -105,7 +116,7 @@ def test_both_likelihoods_are_those_of_dense_twins(gauge: str, count: int) -> No
     free = [place for place, freedom in enumerate(GAUGES[gauge].free) if freedom >= 3]
     kept = [*free, *range(width - 3, width)]
     twin = integral(
-        differences @ found.residual.reshape(-1),
+        differences @ residual.reshape(-1),
         differences @ dense @ differences.T,
         (differences @ flat)[:, kept],
         found.lever_arm,
@@ -138,6 +149,7 @@ def test_in_simulation_the_covariances_hold(gauge: str) -> None:
         scores.append((found.lever_arm - ARM) / found.lever_arm_std)
     assert 0.98 <= np.mean(ratios) <= 1.02
     assert np.abs(scores).max() < 5.0
+    assert (np.abs(scores) < 2.5).mean() > 0.97
     # The larger of three estimates of the variance is too large by some chance.
     assert 0.75 <= np.std(scores) <= 1.15
 
@@ -170,7 +182,7 @@ def test_an_alignment_that_the_motion_does_not_show_has_no_likelihood(poses: Arr
     found = position_error(poses[:, :3, 3] + noise, covariance, poses, GAUGES["se3"])
     assert found.absolute is None
     assert found.relative is None
-    assert np.abs(found.residual).max() < 1e-2
+    assert found.rmse < 1e-2
     assert found.lever_arm_std.max() > 1.0
 
 
@@ -223,3 +235,65 @@ def test_of_few_poses_that_drift_no_lever_arm_is_beyond_doubt(count: int) -> Non
         drift = np.cumsum(rng.normal(0.0, 0.2, (count, 3)), axis=0)
         found = position_error(positions + drift, covariance, estimate, GAUGES["se3"])
         assert (np.abs(found.lever_arm - ARM) < 4.5 * found.lever_arm_std).all()
+
+
+def assert_same(one: PositionError, other: PositionError) -> None:
+    for mine, others in ((one.absolute, other.absolute), (one.relative, other.relative)):
+        assert mine is not None
+        assert others is not None
+        assert mine.dof == others.dof
+        assert mine.log_likelihood == pytest.approx(others.log_likelihood, rel=1e-9)
+        assert mine.chi2 == pytest.approx(others.chi2, rel=1e-9)
+    assert one.lever_arm == pytest.approx(other.lever_arm, rel=1e-9)
+    assert one.lever_arm_std == pytest.approx(other.lever_arm_std, rel=1e-7)
+    assert one.alignment.pose == pytest.approx(other.alignment.pose, rel=1e-9, abs=1e-9)
+    assert (one.rmse, one.step_rmse) == pytest.approx((other.rmse, other.step_rmse), rel=1e-9)
+    assert one.shows_lever_arm == other.shows_lever_arm
+
+
+@pytest.mark.parametrize("gauge", GAUGES)
+@pytest.mark.parametrize("drift", [0.0, 0.05])
+def test_it_does_not_matter_how_the_poses_are_cut(gauge: str, drift: float) -> None:
+    """Nor how often one asks on the way."""
+    rng = np.random.default_rng(3)
+    positions, covariance, estimate = run(rng, gauge, 700, origin=50.0)
+    positions += np.cumsum(rng.normal(0.0, drift, positions.shape), axis=0)
+    # A gap: known to a metre, between poses known to centimetres.
+    covariance[300:310] += np.eye(3)
+    whole = position_error(positions, covariance, estimate, GAUGES[gauge])
+    running, begin = RunningPositions(GAUGES[gauge]), 0
+    while begin < len(positions):
+        here = slice(begin, begin + int(rng.integers(1, 40)))
+        running.update(positions[here], covariance[here], estimate[here])
+        running.error()
+        begin = here.stop
+    found = running.error()
+    assert found is not None
+    assert_same(found, whole)
+    assert running.count == len(positions)
+
+
+def test_its_memory_does_not_grow() -> None:
+    positions, covariance, estimate = run(np.random.default_rng(3), count=500)
+    running, sizes = RunningPositions(GAUGES["se3"]), []
+    for _ in range(40):
+        running.update(positions, covariance, estimate)
+        assert running.error() is not None
+        sizes.append(len(pickle.dumps(running)))
+    assert running.count == 20_000
+    assert max(sizes) < 1.2e6
+
+
+def test_a_covariance_that_is_none_costs_no_other_pose() -> None:
+    positions, covariance, estimate = run(np.random.default_rng(0), count=40)
+    running = RunningPositions(GAUGES["se3"])
+    running.update(positions[:20], covariance[:20], estimate[:20])
+    wrong = covariance[20:].copy()
+    wrong[3] = -np.eye(3)
+    with pytest.raises(CovarianceError) as raised:
+        running.update(positions[20:], wrong, estimate[20:])
+    assert raised.value.index == 3
+    running.update(positions[20:], covariance[20:], estimate[20:])
+    found = running.error()
+    assert found is not None
+    assert_same(found, position_error(positions, covariance, estimate, GAUGES["se3"]))

@@ -20,7 +20,7 @@ from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Similarity
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.files.trajectory import Trajectory
-from trajeval_ros.likelihood.positions import PositionError, position_error
+from trajeval_ros.likelihood.running_positions import PositionError, position_error
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.summary import alignment_figures, likelihood_figures
@@ -156,7 +156,7 @@ def _error(poses: Poses, settings: EvaluationSettings) -> PositionError:
 def _relative(found: PositionError, poses: int) -> Figures:
     return {
         **likelihood_figures(found.relative, poses),
-        "translation_rmse": _rms(found.step_residual),
+        "translation_rmse": found.step_rmse,
     }
 
 
@@ -166,14 +166,10 @@ def _absolute(found: PositionError, poses: int, settings: EvaluationSettings) ->
     first_order = found.relative if 0 in settings.gauge.free else None
     return {
         **figures,
-        "translation_rmse": _rms(found.residual),
+        "translation_rmse": found.rmse,
         "log_likelihood_nonlinear": figures["log_likelihood"],
         "log_likelihood_first_order": None if first_order is None else first_order.log_likelihood,
     }
-
-
-def _rms(residual: npt.NDArray[np.float64]) -> float:
-    return float(np.sqrt((residual**2).sum(axis=1).mean()))
 
 
 def comparisons_on_positions(
