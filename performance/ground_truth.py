@@ -350,7 +350,12 @@ def learning_targets(samples: Samples) -> Iterator[Target]:
 
     def lessons() -> None:
         collected = Lessons(MODELS[KERNEL], ACCURACY)
-        learned.extend(h for segment in segments if (h := collected.add(segment)) is not None)
+        for segment in segments:
+            lesson = collected.add(segment)
+            process = None if lesson is None else lesson.learned()
+            if lesson is not None and process is not None:
+                collected.take(lesson, process)
+                learned.append(process)
 
     ours = in_turn(3, lessons).min()
     start = learned[-1].hyperparameters

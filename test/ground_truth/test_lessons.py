@@ -22,7 +22,13 @@ def segment(start, moving, seed):
 
 
 def taught(lessons, segments):
-    return [learned for each in segments if (learned := lessons.add(each)) is not None]
+    found = []
+    for each in segments:
+        lesson = lessons.add(each)
+        if lesson is not None:
+            found.append(lesson.learned())
+            lessons.take(lesson, found[-1])
+    return found
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -42,7 +48,7 @@ def test_rest_at_first_does_not_spoil_what_motion_teaches(name):
 
 def test_lessons_come_at_sums_of_moving_segments():
     lessons = Lessons(MODELS["matern32"], ACCURACY)
-    at = [i for i in range(40) if lessons.add(segment(2.0 * i, True, i)) is not None]
+    at = [i for i in range(40) if taught(lessons, [segment(2.0 * i, True, i)])]
     covered = np.cumsum(np.full(40, 39 * 0.05))
     assert at == [int(np.argmax(covered >= seconds)) for seconds in (8.0, 16.0, 32.0, 64.0)]
 

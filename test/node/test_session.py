@@ -210,15 +210,39 @@ def test_the_windows_error_model_is_the_files(tmp_path: Path) -> None:
         assert abs(whole["value"] - blocks["value"]) < 3.0 * blocks["std"]
 
 
+def test_a_fit_says_what_it_was_due_for_however_late() -> None:
+    run, late = session(), session()
+    for each in (run, late):
+        each.feed(*data.run(6.0))
+        each.advance(None)
+    assert run.fit_error_model()
+    due = late.fit_due()
+    assert due is not None
+    late.feed(*data.run(12.0))
+    late.advance(None)
+    assert late.error_models == {}
+    due.at_once()
+    assert late.error_models == run.error_models
+    # What came meanwhile is due now.
+    assert late.fit_error_model()
+    assert late.error_models["window"]["poses"] > run.error_models["window"]["poses"]
+
+
 def test_a_reset_forgets_the_error_model() -> None:
     run = session()
     live(run, *data.run(5.0))
     while run.fit_error_model():
         pass
     assert "window" in run.error_models
+    run.feed(*data.run(7.0))
+    run.advance(None)
+    due = run.fit_due()
+    assert due is not None
     run.reset()
     assert run.error_models == {}
     assert not run.fit_error_model()
+    due.at_once()
+    assert run.error_models == {}
 
 
 def test_a_defect_in_the_search_for_causes_costs_the_causes_alone(

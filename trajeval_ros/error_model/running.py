@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The error model while a run goes on, in bounded memory: of a window, and of the run in blocks.
 
-A fit takes a part of a second, so that it is for the caller to say when there is time for one. What
-is fitted depends on stamps alone: a block ends with the first pose that makes it long enough, and
-the window is that of the newest pose.
+A fit takes a part of a second, so that it is for the caller to say when and where it is made: it
+depends on what is handed out with it alone. What is fitted depends on stamps alone: a block ends
+with the first pose that makes it long enough, and the window is that of the newest pose.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,8 +85,38 @@ class _Block:
     model: ErrorModel
 
 
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """``model``: of a stretch, or None; of a block also ``run``, with ``blocks`` and all before."""
+
+    model: ErrorModel | None
+    blocks: tuple[_Block, ...] = ()
+    run: ErrorModel | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """A fit that is due: of a block of the run, after ``blocks``, or of the window."""
+
+    poses: Poses
+    blocks: tuple[_Block, ...] | None = None
+
+    def fit(self) -> Fitted:
+        """Fit it."""
+        model = fit_poses(self.poses)
+        if self.blocks is None:
+            return Fitted(model)
+        blocks = self.blocks
+        if model is not None:
+            stamps = self.poses.truth.stamps
+            blocks = (*blocks, _Block(int(stamps[0]), int(stamps[-1]), model))
+        if len(blocks) > _REMEMBERED:
+            blocks = blocks[::2]
+        return Fitted(model, blocks, combined(blocks) if blocks else None)
+
+
 class RunningErrorModel:
-    """Takes evaluated poses; fits when it is told to."""
+    """Takes evaluated poses; says which fit is due, and takes what it says, one at a time."""
 
     def __init__(self, window: int) -> None:
         """Start empty. window: ns, :attr:`duration`, which may change."""
@@ -95,9 +126,11 @@ class RunningErrorModel:
         self._open: list[Poses] = []
         self._in_open = 0
         self._closed: deque[Poses] = deque()
-        self._blocks: list[_Block] = []
-        self._newest: tuple[int, ErrorModel | None] | None = None
+        self._blocks: tuple[_Block, ...] = ()
+        self._asked: tuple[int, int] | None = None  # the window that was handed out last
         self.lost = 0
+        self.run: ErrorModel | None = None
+        self.window: ErrorModel | None = None
 
     def add(self, poses: Poses) -> None:
         """Take poses, later than all before."""
@@ -131,49 +164,36 @@ class RunningErrorModel:
             self.lost += 1
         return poses[end:]
 
-    @property
-    def blocks_wait(self) -> bool:
-        """Whether there is a block to fit."""
-        return bool(self._closed)
+    def block_due(self) -> Due | None:
+        """The oldest of the blocks that wait, if any does."""
+        return Due(self._closed.popleft(), self._blocks) if self._closed else None
 
-    def fit_block(self) -> None:
-        """Fit the oldest of the blocks that wait."""
-        block = self._closed.popleft()
-        model = fit_poses(block)
-        if model is None:
-            return
-        stamps = block.truth.stamps
-        self._blocks.append(_Block(int(stamps[0]), int(stamps[-1]), model))
-        if len(self._blocks) > _REMEMBERED:
-            del self._blocks[1::2]
-
-    def window(self) -> ErrorModel | None:
-        """The model of the window, fitted if it has changed."""
+    def window_due(self) -> Due | None:
+        """The window, if it has changed since it was handed out last."""
         if not self._window:
             return None
         newest = int(self._window[-1].truth.stamps[-1])
-        if self._newest is None or self._newest[0] != newest:
-            poses = Poses.joined(list(self._window))
-            first = int(np.searchsorted(poses.truth.stamps, newest - self.duration))
-            self._newest = newest, fit_poses(poses[first:])
-        return self._newest[1]
+        if self._asked == (newest, self.duration):
+            return None
+        self._asked = newest, self.duration
+        poses = Poses.joined(list(self._window))
+        first = int(np.searchsorted(poses.truth.stamps, newest - self.duration))
+        return Due(poses[first:])
 
-    @property
-    def latest(self) -> ErrorModel | None:
-        """The window's model as it was fitted last."""
-        return None if self._newest is None else self._newest[1]
+    def take(self, due: Due, fitted: Fitted) -> None:
+        """Take what a fit that was `Due` says: of the :attr:`window`, or of the :attr:`run`."""
+        if due.blocks is None:
+            self.window = fitted.model
+        else:
+            self._blocks, self.run = fitted.blocks, fitted.run
 
     @property
     def blocks(self) -> int:
-        """How many blocks `run` is of."""
+        """How many blocks :attr:`run` is of."""
         return len(self._blocks)
 
-    def run(self) -> ErrorModel | None:
-        """The model of the run from its blocks; None before the first."""
-        return combined(self._blocks) if self._blocks else None
 
-
-def combined(blocks: list[_Block]) -> ErrorModel:
+def combined(blocks: Sequence[_Block]) -> ErrorModel:
     """One model of several blocks.
 
     The nuisances by generalised least squares, a clock rate between the blocks with them, and their
@@ -211,7 +231,7 @@ def combined(blocks: list[_Block]) -> ErrorModel:
     )
 
 
-def _nuisances(blocks: list[_Block]) -> tuple[Nuisances, Array]:
+def _nuisances(blocks: Sequence[_Block]) -> tuple[Nuisances, Array]:
     """Those of the run, about its middle, with their covariance (9, 9)."""
     reference = blocks[0].model.nuisances
     middle = 0.5 * (blocks[0].begin + blocks[-1].end)

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -35,8 +38,44 @@ _DIGITS = 7
 _SOFT_LIMITS = (2e-3, 5e-3)
 
 
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What the hyperparameters are learned from; what they are depends on it alone.
+
+    ``moves``: whether there is motion in it; ``accuracy`` as of `Lessons`; ``before``: what motion
+    has taught so far.
+    """
+
+    model: Model
+    accuracy: tuple[float, float]
+    exact_stamps: bool
+    moving: Sequence[Segment]
+    segments: Sequence[Segment]
+    moves: bool
+    before: Process | None
+
+    def learned(self) -> Process | None:
+        """Return what is most probable: 0.1 s and more; None with too few samples."""
+        stamp_std = 0.0 if self.exact_stamps else _stamp_std(self.moving, self.accuracy)
+        translation, rotation = (self._of_group(group, stamp_std) for group in (0, 1))
+        if translation is None or rotation is None:
+            return None
+        return Process.of((translation, rotation), stamp_std)
+
+    def _of_group(self, group: int, stamp_std: float) -> Learned | None:
+        columns = slice(3 * group, 3 * group + 3)
+        records = [_record(segment, columns, stamp_std) for segment in self.segments]
+        accuracy = self.accuracy[group]
+        soft_limit = max(_SOFT_LIMITS[group], 4.0 * accuracy)
+        theta = None
+        if self.before is not None:
+            assert self.before.learned is not None
+            theta = self.before.learned[group].theta
+        return learning.learn(self.model, records, accuracy, soft_limit, theta, self.moves)
+
+
 class Lessons:
-    """Collects closed segments, and learns when they suffice."""
+    """Collects closed segments, and says when it is time for a lesson."""
 
     def __init__(
         self, model: Model, accuracy: tuple[float, float], exact_stamps: bool = False
@@ -56,53 +95,48 @@ class Lessons:
         self._process: Process | None = None
         self._taught_by_motion = False
 
-    def add(self, segment: Segment) -> Process | None:
-        """Take a closed segment; return what has been learned, if it was time to."""
+    def add(self, segment: Segment) -> Lesson | None:
+        """Take a closed segment; return the lesson that is due, which `take` is told the end of."""
         duration = int(segment.samples.stamps[-1] - segment.samples.stamps[0])
         (self._moving if _moves(segment) else self._still).add(segment, duration)
         if self._process is not None and segment.begun and _is_new(segment):
             self._changed += duration
         if self._process is None:
             overdue = self._moving.covered + self._still.covered >= _LATEST
-            return self.learn() if self._moving.covered >= _FIRST or overdue else None
+            return self._lesson() if self._moving.covered >= _FIRST or overdue else None
         if self._changed >= self._patience:
             self._patience *= 2
-            return self.learn()
-        return self.learn() if self._moving.covered >= self._due else None
+            return self._lesson()
+        return self._lesson() if self._moving.covered >= self._due else None
 
-    def learn(self, further: list[Segment] | None = None) -> Process | None:
+    def take(self, lesson: Lesson, process: Process | None) -> None:
+        """Go on from what the ``lesson`` has taught."""
+        if process is not None:
+            self._process = process
+            self._taught_by_motion = lesson.moves
+
+    def learn(self, further: Sequence[Segment] = ()) -> Process | None:
         """Learn from the segments so far and ``further`` ones; None with too few samples."""
-        moving = [*self._moving.segments, *(s for s in further or [] if _moves(s))]
-        still = [*self._still.segments, *(s for s in further or [] if not _moves(s))]
+        lesson = self._lesson(further)
+        process = lesson.learned()
+        self.take(lesson, process)
+        return process
+
+    def _lesson(self, further: Sequence[Segment] = ()) -> Lesson:
+        moving = [*self._moving.segments, *(s for s in further if _moves(s))]
+        still = [*self._still.segments, *(s for s in further if not _moves(s))]
         segments = [
             *_thinned(moving, SEGMENTS),
             *_thinned(still, SEGMENTS if not moving else SEGMENTS // 4),
         ]
         moves = bool(moving) or any(_turns(segment) for segment in still)
-        stamp_std = 0.0 if self._exact_stamps else _stamp_std(moving, self._accuracy)
-        learned = [self._learn_group(group, segments, moves, stamp_std) for group in (0, 1)]
         while self._due <= self._moving.covered:
             self._due *= 2
         self._changed = 0
-        translation, rotation = learned
-        if translation is None or rotation is None:
-            return None
-        self._process = Process.of((translation, rotation), stamp_std)
-        self._taught_by_motion = moves
-        return self._process
-
-    def _learn_group(
-        self, group: int, segments: list[Segment], moving: bool, stamp_std: float
-    ) -> Learned | None:
-        columns = slice(3 * group, 3 * group + 3)
-        records = [_record(segment, columns, stamp_std) for segment in segments]
-        accuracy = self._accuracy[group]
-        soft_limit = max(_SOFT_LIMITS[group], 4.0 * accuracy)
-        before = None
-        if self._taught_by_motion and self._process is not None:
-            assert self._process.learned is not None
-            before = self._process.learned[group].theta
-        return learning.learn(self._model, records, accuracy, soft_limit, before, moving)
+        before = self._process if self._taught_by_motion else None
+        return Lesson(
+            self._model, self._accuracy, self._exact_stamps, moving, segments, moves, before
+        )
 
 
 class _Reservoir:
@@ -145,7 +179,7 @@ def _turns(segment: Segment) -> bool:
     return bool(np.abs(segment.coordinates[:, 3:]).max() > _TURNING)
 
 
-def _stamp_std(segments: list[Segment], accuracy: tuple[float, float]) -> float:
+def _stamp_std(segments: Sequence[Segment], accuracy: tuple[float, float]) -> float:
     """How uncertain the stamps are, to a hundredth of a millisecond: as in `_record`."""
     data = [(segment.times, segment.coordinates.round(_DIGITS)) for segment in segments]
     rounded = rounding([segment.samples.stamps for segment in segments], data)

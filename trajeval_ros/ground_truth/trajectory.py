@@ -17,7 +17,7 @@ from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.fit import Fit, Fits
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.joint import JointCovariance, Part
-from trajeval_ros.ground_truth.lessons import Lessons
+from trajeval_ros.ground_truth.lessons import Lesson, Lessons
 from trajeval_ros.ground_truth.models import MODELS
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process
 from trajeval_ros.ground_truth.segment import (
@@ -90,8 +90,17 @@ class Posterior:
 class GroundTruth:
     """Overlapping Gaussian-process segments (``docs/method.md``, Ground truth)."""
 
-    def __init__(self, settings: Settings, faults: Faults | None = None) -> None:
-        """Start without samples; ``faults``: where those of the segments are noted."""
+    def __init__(
+        self, settings: Settings, faults: Faults | None = None, *, beside: bool = False
+    ) -> None:
+        """Start without samples; ``faults``: where those of the segments are noted.
+
+        ``beside``: the owner sees to each :attr:`lesson`, and what it is for waits until `teach`.
+        """
+        self._beside = beside
+        # Closed segments that wait for the lesson, and how many were open when each was closed.
+        self._closed: deque[tuple[Segment, int]] = deque()
+        self._lesson: tuple[Lesson, int] | None = None  # and the first segment it is for
         self._fits = Fits(Faults() if faults is None else faults)
         model = MODELS[settings.kernel]
         self._accuracy = (settings.translation_std, settings.rotation_std)
@@ -104,7 +113,7 @@ class GroundTruth:
             given = settings.hyperparameters
             if isinstance(given, Hyperparameters):
                 given = Process(model.kernels, given, self._accuracy)
-            self._use(given)
+            self._use(given, 0)
         self._stamps = np.empty(0, dtype=np.int64)
         self._cuts = np.empty((0, 2), dtype=np.int64)  # the samples before and after each
         self._begin: int | None = None
@@ -156,25 +165,59 @@ class GroundTruth:
     def _add(self, closed_ones: Iterable[Segment]) -> None:
         """Condition segments as they are closed, and learn from them."""
         for closed in closed_ones:
+            self._closed.append((closed, self._segmentation.opened))
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Condition closed segments up to one that makes a lesson due, and learn from them."""
+        while self._closed and self._lesson is None:
+            closed, opened = self._closed.popleft()
             self._advance(closed)
             if closed.begun:
                 self._fits.add(closed)
-            if self._lessons is not None:
-                learned = self._lessons.add(closed)
-                if learned is not None:
-                    self._use(learned)
+            lesson = None if self._lessons is None else self._lessons.add(closed)
+            if lesson is not None:
+                self._lesson = lesson, opened
+                if not self._beside:
+                    self.teach(lesson, lesson.learned())
+
+    @property
+    def lesson(self) -> Lesson | None:
+        """The lesson that is due, if one is."""
+        return None if self._lesson is None else self._lesson[0]
+
+    def teach(self, lesson: Lesson, process: Process | None) -> None:
+        """Take what the :attr:`lesson` has taught."""
+        assert self._lessons is not None
+        assert self._lesson is not None
+        assert self._lesson[0] is lesson
+        first, self._lesson = self._lesson[1], None
+        self._lessons.take(lesson, process)
+        if process is not None:
+            self._use(process, first)
+        self._go_on()
+
+    @property
+    def known_until(self) -> int | None:
+        """Stamp (ns) up to which no query waits for the :attr:`lesson`; None: none waits."""
+        if self._lesson is None:
+            return None
+        waiting = next(self._segmentation.since(self._lesson[1]), None)
+        return None if waiting is None or waiting.incoming is None else waiting.incoming.begin
 
     def conclude(self) -> None:
         """No more samples will come: learn from what there is, if that has not been done."""
+        while self._lesson is not None:
+            lesson, _ = self._lesson
+            self.teach(lesson, lesson.learned())
         if self._lessons is not None and not self._processes:
             learned = self._lessons.learn(self._segmentation.open)
             if learned is not None:
-                self._use(learned)
+                self._use(learned, 0)
 
-    def _use(self, process: Process) -> None:
-        """Take ``process`` for the segments to come; the first one for all."""
-        first = self._segmentation.opened if self._processes else 0
-        self._processes.append((first, process))
+    def _use(self, process: Process, first: int) -> None:
+        """Take ``process`` for the segments from the ``first`` on; the first one for all."""
+        self._processes.append((first if self._processes else 0, process))
 
     def _process(self, index: int) -> Process:
         """The process of a segment, by its index."""
@@ -188,8 +231,11 @@ class GroundTruth:
         if not self._processes:
             return
         before: Segment | None = None
+        settled = self._settled
         for blended in self._segmentation.since(self._settled - 1):
-            segment = blended.segment
+            if self._lesson is not None and blended.index >= self._lesson[1]:
+                break
+            segment, settled = blended.segment, blended.index + 1
             if not segment.begun:
                 process = self._process(blended.index)
                 regimes = AS_LEARNED
@@ -200,7 +246,7 @@ class GroundTruth:
             before = segment
             if segment is through:
                 break
-        self._settled = min(self._segmentation.first_open, blended.index + 1)
+        self._settled = min(self._segmentation.first_open, settled)
 
     def posterior(
         self,
@@ -263,8 +309,8 @@ class GroundTruth:
         return np.asarray(sampled)
 
     def forget(self, before: int) -> None:
-        """Drop what no query at ``before`` (ns) or later needs."""
-        if not self._processes:
+        """Drop what no query at ``before`` (ns) or later needs; nothing while a lesson is due."""
+        if not self._processes or self._lesson is not None:
             return
         self._advance()
         self._begin = before if self._begin is None else max(before, self._begin)

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.any_message import AnyInput
+from trajeval_ros.node.beside import Beside
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
 from trajeval_ros.node.compared import Compared
 from trajeval_ros.node.discovery import waiting
@@ -97,7 +98,9 @@ class Evaluator(Node):
             _input(self, name, values) for name in ("ground_truth", *names)
         ]
         topics = (source.state.topic for source in self._inputs)
-        self._session = Session(values, dict(zip(("ground truth", *names), topics, strict=True)))
+        sources = dict(zip(("ground truth", *names), topics, strict=True))
+        self._session = Session(values, sources, beside=True)
+        self._lessons, self._fits = Beside(), Beside()
         parameters.watch(self, table(names), self._session.change)
         self._metrics = Table(self, "~/metrics")
         self._estimates = [
@@ -147,6 +150,7 @@ class Evaluator(Node):
         """
         self._take_all()
         self._publish_last()
+        self._fits.take(wait=True)
         shield("the log of the figures", self._log_figures, None, self._say_defect)
         written = self._save(last=True) is not None
         publishers = [p for each in self._estimates for p in each.outputs.publishers]
@@ -164,6 +168,7 @@ class Evaluator(Node):
 
     def _publish_last(self) -> None:
         """Publish what there is at the end of a run."""
+        self._lessons.take(wait=True)
         self._publish(self._session.finish_all())
         self._session.score_latest_paths()
         for each in self._estimates:
@@ -180,7 +185,9 @@ class Evaluator(Node):
 
     def _on_batch(self) -> float:
         begin = time.monotonic()
+        self._take_up(begin)
         self._process()
+        self._lessons.start(self._session.lesson_due)
         took = time.monotonic() - begin
         self._monitor.note_batch(took)
         self._batch_cost += _SMOOTHING * (min(took, _BATCH_PERIOD) - self._batch_cost)
@@ -200,13 +207,19 @@ class Evaluator(Node):
         if self._compared is not None:
             self._compared.publish()
 
-    def _on_error_model(self) -> None:
-        """Fit a block or the window; a fit that takes long makes the next one wait."""
-        begin = time.monotonic()
-        if begin >= self._next_fit and self._session.fit_error_model():
-            self._next_fit = begin + (time.monotonic() - begin) / SHARE
+    def _take_up(self, now: float) -> None:
+        """Go on with what was learned and fitted beside."""
+        self._lessons.take()
+        took = self._fits.take()
+        if took is not None:
+            self._next_fit = now + took / SHARE
             for each in self._estimates:
                 each.is_due = True
+
+    def _on_error_model(self) -> None:
+        """Begin the fit of a block or the window; one that took long makes the next one wait."""
+        if time.monotonic() >= self._next_fit:
+            self._fits.start(self._session.fit_due)
 
     def _on_latest_paths(self) -> None:
         """Score the latest whole trajectories; what takes long makes the next time wait."""
@@ -256,6 +269,7 @@ class Evaluator(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._process()
+        self._lessons.take(wait=True)
         self._publish(self._session.finish_all())
         try:
             copy = self._session.archive()
@@ -423,6 +437,7 @@ class Evaluator(Node):
 
     def _save(self, *, last: bool = False) -> str | None:
         """Write the output folder; its path, an empty string if there is none, None on failure."""
+        self._fits.take(wait=True)
         try:
             path = self._session.save(last=last)
         except OutputError as error:

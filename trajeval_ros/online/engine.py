@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.error_model.nuisances import Truth
+from trajeval_ros.ground_truth.lessons import Lesson
+from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.trajectory import Posterior
 from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.parameters import ONE, ParameterError, Value, complete, table
@@ -37,14 +39,22 @@ class Engine:
     """
 
     def __init__(
-        self, parameters: Mapping[str, object], names: Sequence[str] = ONE, whole: bool = False
+        self,
+        parameters: Mapping[str, object],
+        names: Sequence[str] = ONE,
+        whole: bool = False,
+        *,
+        beside: bool = False,
     ) -> None:
         """Take the parameters, of which those that are missing have their defaults.
 
         ``names``: of the estimates. ``whole``: keep all ground truth, so that `truth` answers
-        at any time of a run. Raises :class:`~trajeval_ros.online.parameters.ParameterError`.
+        at any time of a run. ``beside``: the owner sees to each :attr:`lesson`, as it likes, and
+        what needs its answer waits for it. Raises
+        :class:`~trajeval_ros.online.parameters.ParameterError`.
         """
         self._whole = whole
+        self._beside = beside
         self._values = complete(parameters, names)
         self._names = tuple(names)
         self._settings = settings_of(self._values, self._names)
@@ -52,7 +62,7 @@ class Engine:
 
     def reset(self) -> None:
         """Start over, with the parameters as they are."""
-        self._reference = Reference(self._settings.ground_truth)
+        self._reference = Reference(self._settings.ground_truth, beside=self._beside)
         self._tracks = {name: self._new_track(name) for name in self._names}
 
     def reset_estimate(self, name: str | None = None) -> None:
@@ -173,6 +183,16 @@ class Engine:
         known = [begin for begin in begins if begin is not None]
         if len(known) == len(begins) and not self._whole:
             self._reference.ground_truth.forget(min(known))
+
+    @property
+    def lesson(self) -> Lesson | None:
+        """The lesson of the ground truth's process that is due, if one is; it takes 0.1 s."""
+        return self._reference.ground_truth.lesson
+
+    def teach(self, lesson: Lesson, process: Process | None) -> None:
+        """Take what a lesson has taught; nothing where it is no longer the one that is due."""
+        if lesson is self.lesson:
+            self._reference.ground_truth.teach(lesson, process)
 
     def way(self) -> Way:
         """The whole way of the ground truth, in bounded memory."""

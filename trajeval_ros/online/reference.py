@@ -33,8 +33,8 @@ _OF_GROUND_TRUTH = "ground_truth_"
 class Reference:
     """Takes ground-truth samples; :attr:`ground_truth` answers."""
 
-    def __init__(self, settings: GroundTruthSettings) -> None:
-        """Start without samples."""
+    def __init__(self, settings: GroundTruthSettings, *, beside: bool = False) -> None:
+        """Start without samples; ``beside`` as of `GroundTruth`."""
         self._learned = settings.learned
         self._lesson: tuple[Hyperparameters, Notice] | None = None
         self._intake = Intake(settings.use_covariance, settings.axes)
@@ -43,7 +43,7 @@ class Reference:
         self._stamping = Stamping(settings.regularize_stamps)
         process = settings.process
         self._screen = Screen((process.translation_std, process.rotation_std), self._faults)
-        self.ground_truth = GroundTruth(process, self._faults)
+        self.ground_truth = GroundTruth(process, self._faults, beside=beside)
         self.odometer = Odometer(process.translation_std)
         self.presence = Presence()
         self._fresh: list[Samples] = []

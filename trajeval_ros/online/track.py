@@ -206,6 +206,8 @@ class Track:
         latest = int(stamps[-1]) - self._timing.lag
         if now is not None:
             latest = max(latest, now - self._timing.patience - self._timing.max_wait - 1)
+        if self._ground_truth.known_until is not None:
+            latest = min(latest, self._ground_truth.known_until)
         return int(np.searchsorted(self._pending.stamps, latest, side="right"))
 
     def _choose(self, count: int) -> Question:
@@ -342,7 +344,7 @@ class Track:
 
     def _forget(self) -> None:
         """Move on :attr:`begin`: to what no pose to come asks for, or what is too old to be."""
-        if not self._reference.is_ready:
+        if not self._reference.is_ready or self._ground_truth.lesson is not None:
             return
         newest, held = int(self._ground_truth.stamps[-1]), self._estimates.held_stamp
         oldest = newest - self._timing.patience - self._timing.max_wait

@@ -16,7 +16,7 @@ from trajeval_ros.error_model.named import named, named_on_positions
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.error_model.positions import fit_positions
 from trajeval_ros.error_model.recorded import Recorded
-from trajeval_ros.error_model.running import Poses, RunningErrorModel
+from trajeval_ros.error_model.running import Due, Fitted, Poses, RunningErrorModel
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.runs.kept import WholeRun
@@ -28,12 +28,11 @@ WHOLE, BLOCKS = "whole", "blocks"
 
 
 class LiveErrorModels:
-    """Takes evaluations; one fit at a time, when there is time for it."""
+    """Takes evaluations; says which fit is due, and takes what it says, one at a time."""
 
     def __init__(self, window: int) -> None:
         """Start empty. window: ns."""
         self._running = RunningErrorModel(window)
-        self._current = True
         self._figures: dict[str, Figures] = {}
 
     @property
@@ -43,49 +42,30 @@ class LiveErrorModels:
 
     def change(self, window: int) -> None:
         """Go on with another window, ns."""
-        if window != self._running.duration:
-            self._running.duration, self._current = window, False
+        self._running.duration = window
 
     def add(self, evaluations: Evaluations, offset: int) -> None:
         """Take poses, whose stamps on the ground truth's clock are ``offset`` (ns) later."""
         if evaluations.sampled.any():
             self._running.add(poses_of(evaluations, offset))
-            self._current = False
 
-    def fit_one(self) -> bool:
-        """Fit a block of the run that waits, or else the window; whether there was one to fit."""
-        return self.fit_block() or self.fit_window()
+    def due(self) -> Due | None:
+        """A block of the run that waits for a fit, or else the window, if it has changed."""
+        return self.block_due() or self.window_due()
 
-    def fit_block(self) -> bool:
-        """Fit a block of the run that waits; whether there was one."""
-        waits = self._running.blocks_wait
-        if waits:
-            self._running.fit_block()
-            self._describe()
-        return waits
+    def block_due(self) -> Due | None:
+        """A block of the run that waits for a fit."""
+        return self._running.block_due()
 
-    def fit_window(self) -> bool:
-        """Fit the window; whether it has changed since it was fitted last."""
-        stale = not self._current
-        self._current = True
-        if stale:
-            self._running.window()
-            self._describe()
-        return stale
+    def window_due(self) -> Due | None:
+        """The window, if it has changed since."""
+        return self._running.window_due()
 
-    def fit_all(self) -> None:
-        """Fit what there is to fit."""
-        while self.fit_one():
-            pass
-
-    @property
-    def figures(self) -> dict[str, Figures]:
-        """Of the ``run`` and of the ``window``, as far as they have been fitted."""
-        return self._figures
-
-    def _describe(self) -> None:
+    def take(self, due: Due, fitted: Fitted) -> None:
+        """Take what the fit that was ``due`` says."""
+        self._running.take(due, fitted)
         found: dict[str, Figures] = {}
-        run, window = self._running.run(), self._running.latest
+        run, window = self._running.run, self._running.window
         if run is not None:
             found["run"] = _named(run, BLOCKS)
             found["run"]["blocks"] = self._running.blocks
@@ -93,6 +73,17 @@ class LiveErrorModels:
         if window is not None:
             found["window"] = _named(window)
         self._figures = found
+
+    def fit(self, due: Due | None) -> bool:
+        """Make a fit that is ``due`` at once; whether there was one."""
+        if due is not None:
+            self.take(due, due.fit())
+        return due is not None
+
+    @property
+    def figures(self) -> dict[str, Figures]:
+        """Of the ``run`` and of the ``window``, as far as they have been fitted."""
+        return self._figures
 
 
 def error_models(engine: Engine, name: str, kept: WholeRun, *, whole: bool) -> dict[str, Figures]:
@@ -107,14 +98,15 @@ def error_models(engine: Engine, name: str, kept: WholeRun, *, whole: bool) -> d
         if part.sampled.any():
             some = True
             live.add(part, offset)
-            while not whole and live.fit_block():
+            while not whole and live.fit(live.block_due()):
                 pass
     if not some:
         return {}
     if not whole:
-        live.fit_all()
+        while live.fit(live.due()):
+            pass
         return live.figures
-    live.fit_window()
+    live.fit(live.window_due())
     found = {k: v for k, v in live.figures.items() if k == "window"}
 
     def truth(asked: npt.NDArray[np.int64]) -> Truth:

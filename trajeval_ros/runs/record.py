@@ -4,16 +4,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.error_model.running import Due, Fitted
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Results
 from trajeval_ros.report import Report
+from trajeval_ros.runs.beside import Work
 from trajeval_ros.runs.error_models import LiveErrorModels, put_into
 from trajeval_ros.runs.latest_path import LatestPath, on_positions
 from trajeval_ros.wall import shield
@@ -87,12 +90,16 @@ class Record:
         except OutputError as error:
             self.error = str(error)
 
-    def fit_error_model(self) -> bool:
-        """Fit a block of the run or the window, if one has changed."""
-        fitted = shield("the error model", self.models.fit_one, False, self.report.say)
-        models = self.error_models
-        self.report.model = models.get("run", models.get("window"))
-        return fitted
+    def fit_due(self) -> Work | None:
+        """The fit of a block of the run, or of the window, if one has changed."""
+        due: Due | None = shield("the error model", self.models.due, None, self.report.say)
+        return None if due is None else Work(due.fit, partial(self._take, self.models, due))
+
+    def _take(self, models: LiveErrorModels, due: Due, fitted: Callable[[], Fitted]) -> None:
+        say = self.report.say
+        shield("the error model", lambda: models.take(due, fitted()), None, say)
+        found = self.error_models
+        self.report.model = found.get("run", found.get("window"))
 
     @property
     def error_models(self) -> dict[str, dict[str, Any]]:

@@ -37,6 +37,7 @@ from trajeval_ros.online.parameters import (
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import render_several
+from trajeval_ros.runs.beside import Work
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import (
@@ -72,14 +73,17 @@ class Session:
     a later attempt succeeds.
     """
 
-    def __init__(self, values: Mapping[str, Value], sources: Mapping[str, str]) -> None:
+    def __init__(
+        self, values: Mapping[str, Value], sources: Mapping[str, str], *, beside: bool = False
+    ) -> None:
         """Start with the parameters' ``values``.
 
         ``sources`` name the topics in the report: ``ground truth``, and the names of the estimates.
+        ``beside``: the owner sees to `lesson_due`, and what needs its answer waits for it.
         """
         self.names = names_in(values)
         self._known = table(self.names)
-        self.engine = Engine(values, self.names)
+        self.engine = Engine(values, self.names, beside=beside)
         self._directory = str(values["output.directory"])
         self._topics = {name: {"topic": topic} for name, topic in sources.items()}
         self._records = {
@@ -214,14 +218,29 @@ class Session:
         for name, record in self._records.items():
             record.look_for_causes(self.engine.health(name).estimate.used, again=again)
 
-    def fit_error_model(self) -> bool:
-        """Fit a block of a run or a window, if one has changed; it takes a part of a second."""
+    def fit_due(self) -> Work | None:
+        """The fit of a block of a run, or of a window, if one has changed."""
         for name in self.names[self._next_fit :] + self.names[: self._next_fit]:
-            if not self.is_position_only(name) and self._records[name].fit_error_model():
+            work = None if self.is_position_only(name) else self._records[name].fit_due()
+            if work is not None:
                 # The others come first the next time.
                 self._next_fit = (self.names.index(name) + 1) % len(self.names)
-                return True
-        return False
+                return work
+        return None
+
+    def fit_error_model(self) -> bool:
+        """Make a fit that is due at once; whether there was one."""
+        work = self.fit_due()
+        if work is not None:
+            work.at_once()
+        return work is not None
+
+    def lesson_due(self) -> Work | None:
+        """The lesson of the ground truth's process that is due, where it is learned beside."""
+        lesson, engine = self.engine.lesson, self.engine
+        if lesson is None:
+            return None
+        return Work(lesson.learned, lambda learned: engine.teach(lesson, learned()))
 
     @property
     def error_models(self) -> dict[str, dict[str, Any]]:

@@ -1,0 +1,65 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A thread for what takes a part of a second, so that messages are taken and figures go on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+from trajeval_ros.runs.beside import Work
+
+
+class Beside:
+    """Does one piece of work at a time.
+
+    In a thread and not in a process: it shares the interpreter, which it is asked to leave every
+    5 ms, so that what goes on meanwhile takes half as long again, and as long beside a process
+    where the processors are busy; a process takes 70 MB and a start of its own.
+    """
+
+    def __init__(self) -> None:
+        """Start idle, without a thread."""
+        self._thread = ThreadPoolExecutor(1, "beside")
+        self._work: tuple[Work, Future[tuple[Callable[[], Any], float]]] | None = None
+
+    def start(self, due: Callable[[], Work | None]) -> None:
+        """Begin with what is ``due``, unless something is being done."""
+        if self._work is None:
+            work = due()
+            if work is not None:
+                self._work = work, self._thread.submit(_done, work.do)
+
+    def take(self, *, wait: bool = False) -> float | None:
+        """Hand over what has been done, if something has or after a ``wait`` for it.
+
+        The processor time that it took (s); None where nothing was handed over.
+        """
+        if self._work is None:
+            return None
+        work, future = self._work
+        if not (wait or future.done()):
+            return None
+        self._work = None
+        outcome, took = future.result()
+        work.take(outcome)
+        return took
+
+
+def _done(do: Callable[[], Any]) -> tuple[Callable[[], Any], float]:
+    """What returns the result, or raises what was raised; and the processor time that it took."""
+    begin = time.thread_time()
+    try:
+        result = do()
+    except Exception as error:  # noqa: BLE001 (raised where the result is taken)
+        return _raising(error), time.thread_time() - begin
+    return (lambda: result), time.thread_time() - begin
+
+
+def _raising(error: Exception) -> Callable[[], Any]:
+    def outcome() -> Any:
+        raise error
+
+    return outcome
