@@ -154,7 +154,7 @@ def test_covariances_are_blocks_of_the_inverse(count, size, seed):
             earlier = slice((i - 1) * size, i * size)
             dense[here, earlier], dense[earlier, here] = below[i - 1], below[i - 1].T
     factor = Factor.of(diagonal, below)
-    own, beside = factor.covariances()
+    own, beside = factor.covariances(diagonal, below)
     inverse = np.linalg.inv(dense).reshape(count, size, count, size)
     assert factor.log_det == pytest.approx(np.linalg.slogdet(dense)[1])
     for i in range(count):

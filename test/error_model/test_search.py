@@ -127,8 +127,8 @@ def test_the_search_ends_near_the_maximum(kind, count):
         data.measured,
         data.moved,
     )
-    guess = search(kind, moving, gauge)
+    guess = search(kind, moving, gauge, 0.02)
     here = Likelihood(kind, guess.parameters, moving, gauge).at(guess.parameters, guess.weights)
     low, high = (each.ravel() for each in bounds(kind, moving))
-    best = climb(here, low, high, 1e-5, 50, round_=100)
+    best = climb(here, low, high, 1e-5, 50, weighted=False)
     assert best.value - here.value < 1.0

@@ -23,7 +23,10 @@ def covariance(kind, parameters, data):
     """
     count, k = len(data.times), kind.components
     size = 6 * k
-    groups = [steps(kind, each, np.diff(data.times)) for each in parameters]
+    groups = [
+        steps(kind, each, np.diff(data.times), factors)
+        for each, factors in zip(parameters, data.moved.T, strict=True)
+    ]
     a, q = np.eye(count * size), np.zeros((count * size, count * size))
     prior = _blocks([g.prior for g in groups], k)
     flat = np.flatnonzero(np.diag(prior) == 0.0)
@@ -35,8 +38,7 @@ def covariance(kind, parameters, data):
             f[:3, 3:6] -= se3.hat(data.travel[i])
         here, later = (slice(j * size, (j + 1) * size) for j in (i, i + 1))
         a[later, here] = -f
-        noises = [g.noise[i] * data.moved[i, n] for n, g in enumerate(groups)]
-        q[later, later] = _blocks(noises, k)
+        q[later, later] = _blocks([g.noise[i] for g in groups], k)
     inverse = np.linalg.inv(a)
     chosen = (np.arange(count)[:, None] * size + np.arange(6)).ravel()
     total = (inverse @ q @ inverse.T)[np.ix_(chosen, chosen)]

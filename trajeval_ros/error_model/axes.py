@@ -22,7 +22,8 @@ from trajeval_ros.error_model.process import Kind, steps
 Array = npt.NDArray[np.float64]
 
 _AXES = 3
-_ROUND_OFF = 1e-10
+ROUND_OFF = 1e-10
+"""What is known of a disturbance below this share of what is known of its pose is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +47,11 @@ class Axes:
     def __init__(self, kind: Kind, parameters: Array, series: Series) -> None:
         """Factor the information of one axis's states."""
         self.kind, self.parameters, self.series = kind, parameters, series
-        self._step = step = steps(kind, parameters, series.intervals)
+        self._step = step = steps(kind, parameters, series.intervals, series.moved)
         self._jitter = series.measured * np.exp(2.0 * parameters[0])
         self.weight = 1.0 / (series.variance + self._jitter)
         self._moves = step.transition.transpose(1, 2, 0)
-        self._noise = step.noise.transpose(1, 2, 0) * series.moved
+        self._noise = step.noise.transpose(1, 2, 0)
         self._precision, log_det = _inverse(self._noise)
         onwards = _times(self._precision, self._moves)
         own = np.zeros((*onwards.shape[:2], len(self.weight)))
@@ -125,7 +126,7 @@ class Axes:
 
     def own_noise(self) -> tuple[Array, Array]:
         """The variances of one axis that poses and steps have where their weights are 1."""
-        return np.exp(2.0 * self.parameters[:1]), self._step.noise[:, 0, 0]
+        return np.exp(2.0 * self.parameters[:1]), self._noise[0, 0] / self.series.moved
 
     def smoothed(self, errors: Array) -> Array:
         """The errors' process, as each pose's neighbours tell it, of others (m, N)."""
@@ -142,7 +143,6 @@ class Axes:
         moments = np.einsum("xan,xbn->abn", w, w) + _AXES * moved
         mixed = np.einsum("xan,xbn->abn", self.states[..., :-1], w) + _AXES * earlier
         information = _times(_times(precision, moments), precision) - _AXES * precision
-        information *= self.series.moved
         crossed = _times(mixed, precision)
         first = np.einsum("xa,xb->ab", self.states[..., 0], self.states[..., 0])
         first += _AXES * self._first
@@ -181,7 +181,7 @@ class Axes:
         felt = np.einsum("abn,xbn->xan", self._precision, self.moves)
         through = np.zeros((p, _AXES, k, count))  # t
         for j, name in enumerate(self.kind.names[1:], start=1):
-            each = np.einsum("nab,xbn->xan", step.slope_noise[j], felt) * self.series.moved
+            each = np.einsum("nab,xbn->xan", step.slope_noise[j], felt)
             if name.endswith("time"):
                 each += np.einsum("nab,xbn->xan", step.slope_transition[j], self.states[..., :-1])
             through[j, ..., 1:] = -np.einsum("abn,xbn->xan", self._precision, each)
@@ -227,7 +227,7 @@ class Axes:
             (np.sqrt(np.einsum("xn,xn->n", v, v)), known, self._noise[0, 0], row[0]),
         ):
             # Below this share of what it is taken from, it is round-off.
-            least = np.maximum(mean, _ROUND_OFF * most)
+            least = np.maximum(mean, ROUND_OFF * most)
             answers += [(size / least) ** 2, np.maximum(1.0 / least - own, 0.0)]
         return answers[0], answers[1], answers[2], answers[3]
 

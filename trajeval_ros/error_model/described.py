@@ -5,18 +5,18 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.likelihood import Likelihood, clustered_ratio, scatter
-from trajeval_ros.error_model.maximum import JUMP
+from trajeval_ros.error_model.maximum import JUMP, penalty
 from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
 from trajeval_ros.error_model.nuisances import COUNT, PRIOR_STD, Nuisances
 from trajeval_ros.error_model.observed import shown, unobserved
 from trajeval_ros.error_model.process import GROUPS, Kind
+from trajeval_ros.error_model.search import Guess, by_group
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -29,10 +29,6 @@ _BLOCKS = 40
 _PART = 60
 _PART_DURATION = 5.0
 _FIXED = 1e16
-# A group's noise is so much larger in variance where it is left out. A hundred times more
-# changes the answer by less than a fiftieth of its standard deviation, and is factored or not at
-# round-off.
-_IGNORED = 1e8
 # Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
 _ROUGH = 0.3
 # Below this curvature of log L (of log σ), a standard deviation is not told from none.
@@ -54,7 +50,7 @@ def described(
     data, own = here.data, here.theta_covariance
     step, covariance = shown(here.theta, own, np.exp(2.0 * here.parameters[:, 0]), data, here.gauge)
     covariance = covariance * inflation * inflation[:, None]
-    clocks = _clock_by_group(nuisances, here)
+    clocks = _clock_by_group(nuisances, here, float(inflation[0]))
     nuisances = nuisances.moved(step)
     std = np.sqrt(np.diag(covariance))
     stretches = _stretches(stamps, nuisances, columns, white, std, own)
@@ -65,6 +61,7 @@ def described(
         ]
     )
     theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - COUNT)])
+    reached = here.at_theta - penalty(here)
     return ErrorModel(
         here.kind,
         _groups(here, blocks),
@@ -72,8 +69,8 @@ def described(
         covariance,
         unobserved(covariance),
         here.count,
-        here.at_theta,
-        here.at_theta - 0.5 * float(theta @ np.linalg.inv(own) @ theta),
+        reached,
+        reached - 0.5 * float(theta @ np.linalg.inv(own) @ theta),
         float((white**2).mean()),
         whiteness,
         _jumps(stamps, here),
@@ -89,25 +86,18 @@ def _blocks(count: int) -> int:
     return min(max(count // _BLOCK, 4), _BLOCKS)
 
 
-def _clock_by_group(nuisances: Nuisances, here: Likelihood) -> tuple[Figure, ...]:
+def _clock_by_group(nuisances: Nuisances, here: Likelihood, ratio: float) -> tuple[Figure, ...]:
     """The clock offset by positions alone and by orientations alone.
 
     Where the two differ, they were not taken at one time, or the errors are of another kind.
+    ratio: by how much the standard deviation is larger than the model says.
     """
-    figures = []
-    for group in range(2):
-        ignored = np.ones(2)
-        ignored[1 - group] = _IGNORED
-        data = replace(here.data, measured=here.data.measured * ignored)
-        try:
-            alone = Likelihood(here.kind, here.parameters, data, here.gauge)
-            ratio = clustered_ratio(*alone.whitened(), alone.theta_covariance, _blocks(here.count))
-        except np.linalg.LinAlgError:
-            return ()
-        offset = nuisances.clock_offset + float(alone.theta[0])
-        std = max(float(ratio[0]), 1.0) * float(alone.theta_covariance[0, 0]) ** 0.5
-        figures.append(Figure(offset, std))
-    return tuple(figures)
+    count = here.data.nuisances.shape[2]
+    guess = Guess(here.kind, here.parameters, *here.weights, here.theta[:count], np.eye(count))
+    return tuple(
+        Figure(nuisances.clock_offset + float(theta[0]), ratio * float(covariance[0, 0]) ** 0.5)
+        for theta, covariance in by_group(guess, here.data, here.gauge)
+    )
 
 
 def _stretches(
@@ -228,7 +218,9 @@ def _short_run(values: Array, covariance: Array) -> Figure:
 
 def _jumps(stamps: Stamps, here: Likelihood) -> tuple[Jump, ...]:
     _, _, square, rest = here.disturbances()
-    found = np.flatnonzero((square > JUMP**2 * (here.own_noise()[1] + rest)).any(axis=1))
+    # What has no factor is none, whatever round-off says of a process that is as good as nothing.
+    leaps = (here.weights[1] > 1.0) & (square > JUMP**2 * (here.own_noise()[1] + rest))
+    found = np.flatnonzero(leaps.any(axis=1))
     sizes = np.sqrt(square)
     return tuple(
         Jump(int(stamps[i + 1]), float(sizes[i, 0]), float(sizes[i, 1])) for i in found.tolist()

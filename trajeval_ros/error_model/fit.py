@@ -11,13 +11,21 @@ import numpy.typing as npt
 
 from trajeval_ros.error_model.described import described
 from trajeval_ros.error_model.likelihood import Data, Likelihood
-from trajeval_ros.error_model.maximum import climb
+from trajeval_ros.error_model.maximum import climb, penalised, penalty
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.nuisances import COUNT, Ask, Nuisances, Truth, prepare
 from trajeval_ros.error_model.observed import shown
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.recorded import Recorded
-from trajeval_ros.error_model.search import LARGEST_STD, Guess, bounds, search
+from trajeval_ros.error_model.search import (
+    LARGEST_STD,
+    MANY,
+    Guess,
+    bounds,
+    part_of,
+    search,
+    stretches,
+)
 from trajeval_ros.error_model.start import start
 
 Array = npt.NDArray[np.float64]
@@ -41,11 +49,12 @@ _CONVERGED = 0.3
 _LONGEST_STEP = 0.1
 # A process with more parameters has to gain so many nats a parameter more (Akaike).
 _PENALTY = 1.0
+# A search ends where another step gains less than this, nats: on the way, and at its end.
+_COARSE = 0.5
+_FINE = 0.05
 # The maximum is found where another step gains less than this, nats, or after so many steps.
 _GAIN = 5e-3
 _STEPS = 25
-# Weights are there already, and not found anew in this round of them.
-_LATE = 8
 
 
 def fit(stamps: Stamps, estimate: Array, ask: Ask, known: Truth | None = None) -> ErrorModel | None:
@@ -68,19 +77,23 @@ def _fit(problem: _Problem) -> ErrorModel | None:
         nuisances = Nuisances.none()
         if not problem.enough(nuisances):
             return None
-    nuisances, drift = problem.improved(nuisances, Kind.DRIFT, None)
+    nuisances, drift = problem.improved(nuisances, Kind.DRIFT, None, coarse=True)
     candidates = problem.candidates(nuisances, drift)
     best = max(candidates, key=lambda kind: _score(candidates[kind][1]))
-    nuisances, guess = problem.improved(nuisances, best, candidates[best][0])
+    nuisances, guess = problem.improved(nuisances, best, candidates[best][0], coarse=False)
     if not problem.enough(nuisances, near=False):
         problem.stay_near()
     nuisances, here = problem.maximum(nuisances, guess)
     if _has_run_away(here):
         return None
     # The others are behind by as much as they were where all three were found.
-    reached = here.at_theta / here.count
-    among = {kind: each.at_theta / each.count for kind, (_, each) in candidates.items()}
-    alternatives = {kind: reached + value - among[best] for kind, value in among.items()}
+    reached = here.at_theta - penalty(here)
+    among = {
+        kind: (each.at_theta - penalty(each)) / each.count for kind, (_, each) in candidates.items()
+    }
+    alternatives = {
+        kind: reached / here.count + value - among[best] for kind, value in among.items()
+    }
     return described(problem.kept(nuisances), nuisances, here, alternatives)
 
 
@@ -91,8 +104,8 @@ def _has_run_away(found: Likelihood) -> bool:
 
 
 def _score(found: Likelihood) -> float:
-    """The restricted log-likelihood, less what more parameters gain by chance."""
-    return found.value - _PENALTY * found.parameters.size
+    """What is maximal, less what more parameters gain by chance."""
+    return penalised(found) - _PENALTY * found.parameters.size
 
 
 def _at(guess: Guess, data: Data, gauge: Array) -> Likelihood:
@@ -149,14 +162,15 @@ class _Problem:
         return self._stamps[self._truth(nuisances, near=False).valid]
 
     def improved(
-        self, nuisances: Nuisances, kind: Kind, guess: Guess | None
+        self, nuisances: Nuisances, kind: Kind, guess: Guess | None, *, coarse: bool
     ) -> tuple[Nuisances, Guess]:
         """Gauss-Newton on the nuisances, near the maximum of one process.
 
         Returns the nuisances, and what is found there, whose θ is what is left of a step.
         """
-        data, gauge = self._prepared(nuisances, near=True)
-        found = search(kind, data, gauge) if guess is None else guess
+        gain = _COARSE if coarse else _FINE
+        data, gauge = self._prepared(nuisances, near=True, part=coarse)
+        found = search(kind, data, gauge, gain, guess)
         for _ in range(_ITERATIONS):
             step, covariance = self._step(found, data, gauge)
             if _is_short(step, covariance):
@@ -166,8 +180,8 @@ class _Problem:
             if not self.enough(proposed):
                 break
             nuisances = proposed
-            data, gauge = self._prepared(nuisances, near=True)
-            found = search(kind, data, gauge, replace(found, theta=found.theta - step))
+            data, gauge = self._prepared(nuisances, near=True, part=coarse)
+            found = search(kind, data, gauge, gain, replace(found, theta=found.theta - step))
         return nuisances, found
 
     def candidates(
@@ -175,10 +189,20 @@ class _Problem:
     ) -> dict[Kind, tuple[Guess, Likelihood]]:
         """Each process near its maximum; the ones that have none are left out."""
         data, gauge = self._prepared(nuisances, near=True)
+        many = len(drift.measured) < len(data.times)
+        whole = search(Kind.DRIFT, data, gauge, _COARSE, drift) if many else drift
         found = {}
         for kind in Kind:
             try:
-                guess = drift if kind is Kind.DRIFT else search(kind, data, gauge, drift)
+                guess = whole
+                if kind is not Kind.DRIFT:
+                    guess = search(kind, *self._prepared(nuisances, True, True), _COARSE, drift)
+                    if many:
+                        # The outliers of all poses are known by now.
+                        guess = replace(guess, measured=whole.measured, moved=whole.moved)
+                        if kind is Kind.VELOCITY:
+                            guess.parameters[:, :2] = whole.parameters
+                        guess = search(kind, data, gauge, _COARSE, guess)
                 found[kind] = guess, _at(guess, data, gauge)
             except np.linalg.LinAlgError:
                 continue
@@ -202,7 +226,7 @@ class _Problem:
             weighted = replace(data, measured=weights[0], moved=weights[1])
             here = Likelihood(guess.kind, parameters, weighted, gauge)
             if climbs:
-                here = climb(here, low, high, _GAIN, _STEPS, _LATE, near=True)
+                here = climb(here, low, high, _GAIN, _STEPS, near=True, weighted=False)
             weights, parameters = here.weights, here.parameters
             jitter = np.exp(2.0 * parameters[:, 0])
             step, covariance = shown(here.theta, here.theta_covariance, jitter, data, gauge)
@@ -217,13 +241,19 @@ class _Problem:
         jitter = np.exp(2.0 * guess.parameters[:, 0])
         return shown(guess.theta, guess.theta_covariance, jitter, weighted, gauge)
 
-    def _prepared(self, nuisances: Nuisances, near: bool = False) -> tuple[Data, Array]:
+    def _prepared(
+        self, nuisances: Nuisances, near: bool = False, part: bool = False
+    ) -> tuple[Data, Array]:
         reference = self._truth(nuisances, near)
         good = reference.valid
         kept = Truth(
             reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
         )
-        return prepare(self._stamps[good], self._estimate[good], kept, nuisances)
+        data, gauge = prepare(self._stamps[good], self._estimate[good], kept, nuisances)
+        if not part or len(data.times) <= MANY:
+            return data, gauge
+        chosen = stretches(len(data.times))
+        return part_of(data, chosen), gauge[chosen]
 
 
 def _carried(weights: tuple[Array, Array], before: Mask, now: Mask) -> tuple[Array, Array]:

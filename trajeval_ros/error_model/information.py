@@ -1,12 +1,12 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A block-tridiagonal information matrix: its factor, solutions, and the covariances beside it.
+"""A block-tridiagonal information matrix: its factor, and the covariances beside it.
 
 Λ has m rows a pose; its blocks beside the diagonal join neighbouring poses. With ``Λ = L Lᵀ`` the
-blocks of ``S = Λ⁻¹`` that are where Λ has some follow backwards from the last one,
+blocks of ``S = Λ⁻¹`` that are where Λ has some are what is known of a pose from both sides, less
+what is counted twice, with L' the factor of the poses in reverse order:
 
-    G_i = L_(i+1,i) L_ii⁻¹,   S_(i+1,i) = -S_(i+1,i+1) G_i,
-    S_ii = (L_ii L_iiᵀ)⁻¹ + G_iᵀ S_(i+1,i+1) G_i.
+    S_ii = (L_ii L_iiᵀ + L'_ii L'_iiᵀ - Λ_ii)⁻¹,   S_(i+1,i) = -S_(i+1,i+1) L_(i+1,i) L_ii⁻¹.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ class Factor:
         """``log |Λ|``."""
         return 2.0 * float(np.log(self.band[0]).sum())
 
-    def solve(self, columns: Array) -> Array:
-        """``Λ⁻¹ X`` of X (n, m, c)."""
-        flat = columns.reshape(-1, columns.shape[-1])
-        solution, _ = lapack.dpbtrs(self.band, flat, lower=1)
-        return np.ascontiguousarray(solution).reshape(columns.shape)
-
     def forward(self, columns: Array) -> Array:
         """``L⁻¹ X`` of X (n, m, c)."""
         flat = columns.reshape(-1, columns.shape[-1])
         solution, _ = lapack.dtbtrs(self.band, flat, uplo="L")
+        return np.ascontiguousarray(solution).reshape(columns.shape)
+
+    def backward(self, columns: Array) -> Array:
+        """``L⁻ᵀ X`` of X (n, m, c)."""
+        flat = columns.reshape(-1, columns.shape[-1])
+        solution, _ = lapack.dtbtrs(self.band, flat, uplo="L", trans="T")
         return np.ascontiguousarray(solution).reshape(columns.shape)
 
     def blocks(self) -> tuple[Array, Array]:
@@ -66,17 +66,15 @@ class Factor:
             below[:, :, c] = columns[:, c, size - c : height - c]
         return own, below[:-1]
 
-    def covariances(self) -> tuple[Array, Array]:
-        """``S_ii`` (n, m, m) and ``S_(i+1,i)`` (n - 1, m, m)."""
-        own, below = self.blocks()
-        inverse = np.linalg.inv(own)
-        gains = below @ inverse[:-1]
-        found = np.swapaxes(inverse, 1, 2) @ inverse
-        backwards = np.ascontiguousarray(np.swapaxes(gains, 1, 2))
-        # Each from the one after it.
-        for i in range(len(gains) - 1, -1, -1):
-            found[i] += backwards[i] @ found[i + 1] @ gains[i]
-        return found, -found[1:] @ gains
+    def covariances(self, diagonal: Array, below: Array) -> tuple[Array, Array]:
+        """``S_ii`` (n, m, m) and ``S_(i+1,i)`` (n - 1, m, m), of what this is the factor of."""
+        own, beside = self.blocks()
+        reverse, _ = Factor.of(diagonal[::-1], np.swapaxes(below, 1, 2)[::-1]).blocks()
+        known = own @ np.swapaxes(own, 1, 2) - diagonal
+        known += (reverse @ np.swapaxes(reverse, 1, 2))[::-1]
+        found: Array = np.asarray(np.linalg.inv(known), np.float64)
+        gains = np.asarray(beside @ np.linalg.inv(own[:-1]), np.float64)
+        return found, np.asarray(-found[1:] @ gains)
 
 
 def _banded(diagonal: Array, below: Array) -> Array:

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.error_model.axes import backwards
+from trajeval_ros.error_model.axes import ROUND_OFF, backwards
 from trajeval_ros.error_model.information import Factor
 from trajeval_ros.error_model.process import Kind, steps
 
@@ -45,8 +45,8 @@ class Data:
     times: (N,), s. errors: z (N, 6), m and rad, in the world's axes. covariance: V (N, 6, 6),
     likewise. travel: ``p_(i+1) - p_i`` of the ground truth, (N - 1, 3), m.
     nuisances: K (N, 6, c). precision: of θ's prior, (c,).
-    measured, moved: factors of the variances of each pose's jitter and of each step's process,
-    (N, 2) and (N - 1, 2), translation and rotation.
+    measured, moved: factors of the variances of each pose's jitter and of the error's own move in
+    each step, (N, 2) and (N - 1, 2), translation and rotation.
     """
 
     times: Array
@@ -88,7 +88,10 @@ class Likelihood:
         if kind is Kind.WANDER:
             self.columns = np.concatenate([data.nuisances, gauge], axis=2)
             self.precision = np.concatenate([data.precision, np.zeros(gauge.shape[2])])
-        self._steps = [steps(kind, each, np.diff(data.times)) for each in parameters]
+        self._steps = [
+            steps(kind, each, np.diff(data.times), factors)
+            for each, factors in zip(parameters, data.moved.T, strict=True)
+        ]
         self._jitter = np.exp(2.0 * parameters[:, 0])
         self.noise = data.covariance.copy()
         diagonal = np.repeat(data.measured * self._jitter, 3, axis=1)
@@ -97,10 +100,11 @@ class Likelihood:
         self.transition = self._assembled([s.transition for s in self._steps])
         if kind is not Kind.WANDER:
             self.transition[:, :3, 3:6] -= se3.hat(data.travel)
-        scaled = [s.noise * data.moved[:, g, None, None] for g, s in enumerate(self._steps)]
-        self._step_weights = [np.asarray(np.linalg.inv(each), np.float64) for each in scaled]
+        self._step_weights = [np.asarray(np.linalg.inv(s.noise), np.float64) for s in self._steps]
         self.process_weight = self._assembled(self._step_weights)
-        self._process_log_det = 3.0 * sum(float(np.linalg.slogdet(q)[1].sum()) for q in scaled)
+        self._process_log_det = 3.0 * sum(
+            float(np.linalg.slogdet(s.noise)[1].sum()) for s in self._steps
+        )
         self.process_prior = self._assembled([s.prior[None] for s in self._steps])[0]
         onwards = self.process_weight @ self.transition
         own = np.zeros((self.count, self.size, self.size))
@@ -108,7 +112,8 @@ class Likelihood:
         own[0] += self.process_prior
         own[1:] += self.process_weight
         own[:-1] += np.swapaxes(self.transition, 1, 2) @ onwards
-        self.factor = Factor.of(own, -onwards)
+        self.information = own, -onwards
+        self.factor = Factor.of(*self.information)
         self._regress()
 
     def _assembled(self, groups: list[Array]) -> Array:
@@ -127,18 +132,19 @@ class Likelihood:
         weighted = self.weight @ both
         right = np.zeros((self.count, size, both.shape[2]))
         right[:, :6] = weighted
-        solved = self.factor.solve(right)
+        self._forward = self.factor.forward(right)
         flat = both.shape[2]
         normal = both.reshape(-1, flat).T @ weighted.reshape(-1, flat)
-        normal -= right.reshape(-1, flat).T @ solved.reshape(-1, flat)
+        taken = self._forward.reshape(-1, flat)
+        normal -= taken.T @ taken
         schur = normal[:-1, :-1] + np.diag(self.precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(schur), 1e-300))
         self.theta_covariance = (
             scale[:, None] * np.linalg.inv(scale[:, None] * schur * scale) * scale
         )
         self.theta: Array = self.theta_covariance @ normal[:-1, -1]
-        self.state_columns = solved[..., :-1]
-        self.states = solved[..., -1] - self.state_columns @ self.theta
+        left = self._forward @ np.append(-self.theta, 1.0)
+        self.states = self.factor.backward(left[..., None])[..., 0]
         self.residual = self.data.errors - self.states[:, :6] - columns @ self.theta
         self.moves = self.states[1:] - (self.transition @ self.states[:-1, :, None])[..., 0]
         self.chi2 = float(normal[-1, -1] - normal[:-1, -1] @ self.theta)
@@ -168,9 +174,14 @@ class Likelihood:
         self.at_theta = -0.5 * (self.chi2 + self._states_log_det + self.dof * _LOG_2PI + of_gauge)
 
     @cached_property
+    def state_columns(self) -> Array:
+        """What the states take of the nuisances' columns, (N, m, c)."""
+        return self.factor.backward(self._forward[..., :-1])
+
+    @cached_property
     def _covariances(self) -> _Covariances:
         """What is known of the disturbances, as far as likelihood's slopes need it."""
-        own, beside = self.factor.covariances()
+        own, beside = self.factor.covariances(*self.information)
         root = np.linalg.cholesky(self.theta_covariance)
         columns = self.state_columns
         ahead = (columns[1:] - self.transition @ columns[:-1]) @ root
@@ -240,7 +251,6 @@ class Likelihood:
             weight = self._step_weights[g]
             moments = w @ np.swapaxes(w, 1, 2) + known.moved[g]
             information = weight @ moments @ weight - 3.0 * weight
-            information *= self.data.moved[:, g, None, None]
             crossed = (state[:-1] @ np.swapaxes(w, 1, 2) + known.earlier[g]) @ weight
             begin = state[0] @ state[0].T + known.first[g]
             for j in range(1, len(self.kind.names)):
@@ -267,12 +277,12 @@ class Likelihood:
         errors = np.zeros((count, 6, 2))
         back = np.zeros_like(into)
         for g, step in enumerate(self._steps):
-            weight, scaled = self._step_weights[g], self.data.moved[:, g, None, None]
+            weight = self._step_weights[g]
             state = self._group(self.states, g)
             felt = weight @ self._group(self.moves, g)
             part = self._group(through, g)[:, :, :, g]
             for j in range(1, p):
-                each = step.slope_noise[j] @ felt * scaled
+                each = step.slope_noise[j] @ felt
                 if self.kind.names[j].endswith("time"):
                     each = each + step.slope_transition[j] @ state[:-1]
                 part[1:, ..., j] = -(weight @ each)
@@ -293,20 +303,20 @@ class Likelihood:
         weighted = self.weight @ errors
         into[:, :6, :, 0] = weighted
         columns = into.reshape(count * self.size, 2 * p)
-        solved = self.factor.solve(into.reshape(count, self.size, 2 * p))
-        found = -columns.T @ solved.reshape(columns.shape)
+        forward = self.factor.forward(into.reshape(count, self.size, 2 * p))
+        forward = forward.reshape(columns.shape)
+        found = -forward.T @ forward
         found[::p, ::p] += errors.reshape(-1, 2).T @ weighted.reshape(-1, 2)
         for g, step in enumerate(self._steps):
             part = self._group(through, g)[:, :, :, g]
-            noise = step.noise * self.data.moved[:, g, None, None]
-            moved = np.einsum("ncd,ndap->ncap", noise, part[1:])
+            moved = np.einsum("ncd,ndap->ncap", step.noise, part[1:])
             own = part[1:].reshape(-1, p).T @ moved.reshape(-1, p)
             proper = np.diag(step.prior) > 0.0
             first = part[0][proper]
             own += np.einsum("cai,caj->ij", first, first / np.diag(step.prior)[proper, None, None])
             found[g * p : (g + 1) * p, g * p : (g + 1) * p] += own
         # What is integrated out.
-        ahead = -self.state_columns.reshape(len(columns), -1).T @ columns
+        ahead = -self._forward[..., :-1].reshape(len(columns), -1).T @ forward
         ahead[:, ::p] += self.columns.reshape(6 * count, -1).T @ weighted.reshape(-1, 2)
         found -= ahead.T @ self.theta_covariance @ ahead
         return np.asarray(0.5 * found)
@@ -321,22 +331,27 @@ class Likelihood:
         own_noise = np.einsum("nii->ni", self.weight).reshape(-1, 2, 3).sum(axis=2)
         scores = [(self.weight @ self.residual[..., None]).reshape(-1, 2, 3)]
         told = [(own_noise - known.noise) / 3.0]
-        felt, process = [], []
+        most = [own_noise / 3.0]
+        felt, process, rows = [], [], []
         for g, weight in enumerate(self._step_weights):
             felt.append((weight[:, :1] @ self._group(self.moves, g))[:, 0])
             row = weight[:, 0]
             taken = np.einsum("nc,ncd,nd->n", row, known.moved[g], row)
             process.append(row[:, 0] - taken / 3.0)
+            rows.append(row[:, 0])
         scores.append(np.stack(felt, axis=1))
         told.append(np.stack(process, axis=1))
+        most.append(np.stack(rows, axis=1))
         answers = []
-        for score, information, own in zip(
+        for score, information, largest, own in zip(
             scores,
             told,
-            (self.data.measured * self._jitter, self.own_noise()[1] * self.data.moved),
+            most,
+            (self.data.measured * self._jitter, self._moving()),
             strict=True,
         ):
-            mean = np.maximum(information, 1e-100)
+            # Below this share of what it is taken from, it is round-off.
+            mean = np.maximum(np.maximum(information, ROUND_OFF * largest), 1e-100)
             # Errors of absurd data are bounded before they are squared.
             size = np.linalg.norm(score, axis=2)
             square = (np.minimum(size, _LARGEST * mean) / mean) ** 2
@@ -345,7 +360,11 @@ class Likelihood:
 
     def own_noise(self) -> tuple[Array, Array]:
         """The variances of one axis that poses (2,) and steps (N - 1, 2) have without weights."""
-        return self._jitter, np.stack([step.noise[:, 0, 0] for step in self._steps], axis=1)
+        return self._jitter, self._moving() / self.data.moved
+
+    def _moving(self) -> Array:
+        """The variances of the error's own moves, of one axis, (N - 1, 2)."""
+        return np.stack([step.noise[:, 0, 0] for step in self._steps], axis=1)
 
     @property
     def weights(self) -> tuple[Array, Array]:
@@ -374,21 +393,19 @@ class Likelihood:
         The factor runs forwards: without what the next step says, row i of it holds the state
         given the poses up to i. From the rest of the data there, the prediction's.
         """
-        right = np.zeros((self.count, self.size, columns.shape[2]))
-        right[:, :6] = self.weight @ columns
-        forward = self.factor.forward(right)
         own, _ = self.factor.blocks()
         information = own @ np.swapaxes(own, 1, 2)
         f = self.transition
         information[:-1] -= np.swapaxes(f, 1, 2) @ self.process_weight @ f
         known = np.linalg.inv(information)
-        state = (known @ (own @ forward))[:, :6]
+        state = known[:, :6] @ (own @ self._forward)
         # The first pose of a free process is not predicted.
         first = 0 if self.kind is Kind.WANDER else 1
         noise, rest = self.noise[first:], (columns - state)[first:]
         covariance = noise - known[first:, :6, :6]
-        gained = noise @ np.linalg.solve(covariance, rest)
-        spread = noise @ np.linalg.solve(covariance, noise)
+        solved = np.linalg.solve(covariance, np.concatenate([noise, rest], axis=2))
+        found = noise @ solved
+        spread, gained = found[..., :6], found[..., 6:]
         root = np.linalg.cholesky(0.5 * (spread + np.swapaxes(spread, 1, 2)))
         return np.asarray(np.linalg.solve(root, gained))
 

@@ -2,10 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The likeliest parameters of one process, robustly.
 
-Real errors are heavy-tailed: a lost track, a loop closure. As Huber's estimate does, a disturbance
-that lies beyond what one in a thousand of a Gaussian's would gets a variance that brings it back
-to there, so that ten poses of a thousand do not rule the fit; of Gaussian errors it changes nothing
-that shows.
+Real errors are heavy-tailed: a lost track, a loop closure. So each disturbance, of a pose or of a
+step, has a variance of its own, λ ≥ 1 times what the process says, with the improper density
+``λ^-κ`` of its logarithm, and maximal is
+
+    Φ(ψ, λ) = log L(ψ, λ) - κ Σ log λ.
+
+Where a disturbance is well seen, λ brings it back to what one in a thousand of a Gaussian's would
+be, as Huber's estimate does, so that ten poses of a thousand do not rule the fit; of Gaussian
+errors it changes nothing that shows. As one function is climbed, no step goes in circles.
+
+In one λ, others held, the likelihood is that of a disturbance whose estimate has the squared size
+q over three axes and the variance r beside its own o λ,
+
+    -½ (3 log(o λ + r) + q / (o λ + r)) - κ log λ,
+
+whose maximum is at the larger root of a quadratic equation, or at λ = 1.
 """
 
 from __future__ import annotations
@@ -14,26 +26,33 @@ from typing import Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d
 
 Array = npt.NDArray[np.float64]
 
 # Of χ² with three degrees of freedom, one in a thousand lies beyond.
 _RARE = 16.27
+_KAPPA = 0.5 * (_RARE - 3.0)
 JUMP = 15.0
 """A disturbance of so many standard deviations is an event, not a part of drift."""
 
-_USUAL = 3.0
-# Changes of the weights' logarithms move the gradient, whose standard deviation is the root of the
-# number of errors, by about their sum: below this share of it they do not change the fit.
-_SETTLED = 0.02
-# Weights are found anew in so many rounds, with the whole of each change in the first ones, then a
-# half, a third and so on: neighbours take each other's outliers in turn otherwise, for ever.
-_ROUNDS = 8
-_WHOLE = 3
-# No step of a search is longer than this in the logarithm of a parameter; one that promises less
-# than so many nats need not be compared with where it came from.
-_LONGEST = 2.0
+# Neighbours take each other's outliers. So of those within so many poses only the λ changes that
+# gains most, at first, and of more of them after a step that gained nothing.
+_NEIGHBOURS = 1
+_FARTHER = 4
+# All change that do so by less than this in the logarithm.
+_LITTLE_CHANGE = 0.3
+# Below this gain of the factors (nats), or that of the parameters, a change of slope is theirs.
+_SETTLED = 0.3
+# After a longer step, in the logarithm of a parameter, its information is found anew.
+_FAR = 0.3
+# Near the maximum, after a step that promises less (nats), a twentieth of it is left, hardly more.
 _SURE = 0.3
+# Where the factors alone promise so much (nats), they are found first, in so many rounds at most.
+_MUCH = 3.0
+_ALONE = 4
+# No step of a search is longer than this in the logarithm of a parameter.
+_LONGEST = 2.0
 # What the data hardly tell has so much information, as if known to within a factor of thirty: a
 # step there would be any that round-off says.
 _LITTLE = 0.1
@@ -80,43 +99,66 @@ def climb(
     high: Array,
     gain: float,
     steps: int,
-    round_: int = 0,
     *,
     near: bool = False,
+    weighted: bool = True,
 ) -> Place:
-    """The robust maximum from ``here``: Newton steps with the average information.
+    """The maximum of Φ from ``here``: Newton steps with the average information, λ along with them.
 
-    low, high: bounds of the parameters in a row, (p,). The weights follow each step, from the
-    ``round_`` on that they are known from. It ends where another step gains less than ``gain``,
-    nats. ``near``: the maximum is so near that the curvature of the first place serves.
+    low, high: bounds of the parameters in a row, (p,). It ends where another step promises less
+    than ``gain``, nats. ``near``: the maximum is so near that the curvature of the first place
+    serves, and a step that promises little is the last.
     """
     curvature: Array | None = None
     before: tuple[Array, Array] | None = None
+    value, apart, alone = penalised(here), _NEIGHBOURS, 0
+    far = False
     for _ in range(steps):
+        weights, promised = _reweighted(here, apart) if weighted else (here.weights, 0.0)
+        if promised > _MUCH and alone < _ALONE:
+            alone += 1
+            there = _moved(here, np.zeros(here.parameters.size), weights)
+            if there is not None and penalised(there) > value:
+                before, here, value = None, there, penalised(there)
+                continue
+            apart *= _FARTHER
+        alone = 0
         slope = here.gradient().ravel()
-        if curvature is None or not near:
+        if curvature is None or far:
             curvature = here.average_information()
         if before is not None:
             curvature = _updated(curvature, before[0], before[1] - slope)
         step, expected = _newton_step(here.parameters.ravel(), slope, curvature, low, high)
-        weights, settled = here.weights, round_ >= _ROUNDS
-        if not settled:
-            weights, settled = _reweighted(here, 1.0 / max(round_ - _WHOLE + 2, 1))
-            round_ += 1
-        if settled:
-            if expected < gain:
-                break
-            weights = here.weights
-        there = _moved(here, step, weights) if expected < _SURE else None
-        if there is None:
-            base = here if settled else here.at(here.parameters, weights)
-            there = _along(base, step)
-            if there is here:
-                break
+        if expected + promised < gain:
+            break
+        there = _moved(here, step, weights)
+        if there is None or penalised(there) < value:
+            apart *= _FARTHER
+            there = _along(here, step, value)
+            if there is None:
+                there = _moved(here, 0.0 * step, weights)
+                if there is None or penalised(there) < value:
+                    if apart > len(weights[0]):
+                        break
+                    continue
         moved = (there.parameters - here.parameters).ravel()
+        settled = promised < max(gain, expected, _SETTLED)
         before = (moved, slope) if settled else None
-        here = there
+        far = not near and (not settled or float(np.abs(moved).max()) > _FAR)
+        here, value = there, penalised(there)
+        if near and expected < _SURE:
+            break
     return here
+
+
+def penalised(here: Climbable) -> float:
+    """``Φ``."""
+    return here.value - penalty(here)
+
+
+def penalty(here: Climbable) -> float:
+    """``κ Σ log λ``."""
+    return _KAPPA * sum(float(np.log(each).sum()) for each in here.weights)
 
 
 def _updated(curvature: Array, step: Array, fallen: Array) -> Array:
@@ -140,7 +182,11 @@ def _newton_step(
 
     Parameters that it would take out of bounds end there, and the others step as fits that.
     """
-    curvature = curvature + _LITTLE * np.eye(len(here))
+    # Near nothing a standard deviation has little information in its logarithm, whose slope may
+    # promise much all the same.
+    own = np.diag(curvature)
+    promising = slope * slope > 2.0 * _LITTLE * np.maximum(own, 1e-300)
+    curvature = curvature + np.diag(np.where(promising, 0.0, _LITTLE))
     step: Array = np.zeros(len(here))
     free = ((here > low) | (slope > 0.0)) & ((here < high) | (slope < 0.0))
     low, high = np.maximum(low, here - _LONGEST), np.minimum(high, here + _LONGEST)
@@ -158,13 +204,13 @@ def _newton_step(
     return step, float(slope @ step - 0.5 * step @ curvature @ step)
 
 
-def _along(here: Place, step: Array) -> Place:
-    """The first point on a shrinking ``step`` (p,) that is better; ``here`` where there is none."""
+def _along(here: Place, step: Array, value: float) -> Place | None:
+    """The first point on a shrinking ``step`` (p,) that is better than ``value``, if any."""
     for share in (1.0, 0.5, 0.2, 0.05):
         there = _moved(here, share * step, here.weights)
-        if there is not None and there.value > here.value:
+        if there is not None and penalised(there) > value:
             return there
-    return here
+    return None
 
 
 def _moved(here: Place, step: Array, weights: tuple[Array, Array]) -> Place | None:
@@ -175,23 +221,44 @@ def _moved(here: Place, step: Array, weights: tuple[Array, Array]) -> Place | No
         return None
 
 
-def _reweighted(here: Climbable, share: float) -> tuple[tuple[Array, Array], bool]:
-    """The weights that the disturbances ask for; whether those are the ones there are.
-
-    Or so great a ``share`` of the way: neighbours take each other's outliers in turn otherwise.
-    """
+def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float]:
+    """The factors λ that the disturbances ask for, and what they gain, nats."""
     measured, measured_rest, moved, moved_rest = here.disturbances()
     own, own_move = here.own_noise()
-    of_poses, of_moves = here.weights
-    change = np.log(_inflation(measured, measured_rest, own) / of_poses)
-    change_of_moves = np.log(_inflation(moved, moved_rest, own_move) / of_moves)
-    total = float(np.abs(change).sum() + np.abs(change_of_moves).sum())
-    weights = of_poses * np.exp(share * change), of_moves * np.exp(share * change_of_moves)
-    return weights, total < _SETTLED * np.sqrt(3.0 * of_poses.size)
+    weights = here.weights
+    poses, pose_gain = likeliest(measured, measured_rest, own, weights[0])
+    moves, move_gain = likeliest(moved, moved_rest, own_move, weights[1])
+    # Poses and the steps between them in the order of time.
+    gains = np.zeros((2 * len(pose_gain) - 1, *pose_gain.shape[1:]))
+    gains[::2], gains[1::2] = pose_gain, move_gain
+    most = maximum_filter1d(gains, min(4 * apart, 2 * len(gains)) + 1, axis=0, mode="constant")
+    found, total = [], 0.0
+    for new, old, each, around in zip(
+        (poses, moves), weights, (pose_gain, move_gain), (most[::2], most[1::2]), strict=True
+    ):
+        taken = (each >= around) | (np.abs(np.log(new / old)) < _LITTLE_CHANGE)
+        found.append(np.where(taken, new, old))
+        total += float(each[taken].sum())
+    return (found[0], found[1]), total
 
 
-def _inflation(square: Array, rest: Array, own: Array) -> Array:
-    """The factor of ``own`` with which a disturbance is just what one in a thousand is."""
+def likeliest(square: Array, rest: Array, own: Array, now: Array) -> tuple[Array, Array]:
+    """The likeliest λ of each disturbance, others held, and what it gains over ``now``.
+
+    square, rest: q and r. own: o.
+    """
     own = np.maximum(own, 1e-300)
-    limit = np.where(square > JUMP**2 * (own + rest), _USUAL, _RARE)
-    return np.asarray(np.maximum((square / limit - rest) / own, 1.0))
+    square, rest = square / own, rest / own
+    half = 0.5 * (square - (3.0 + 4.0 * _KAPPA) * rest)
+    below = half * half - 2.0 * _KAPPA * _RARE * rest * rest
+    root = (half + np.sqrt(np.maximum(below, 0.0))) / _RARE
+    value = np.where(root > 1.0, root, 1.0)
+
+    def nats(factor: Array) -> Array:
+        variance = factor + rest
+        return -1.5 * np.log(variance) - 0.5 * square / variance - _KAPPA * np.log(factor)
+
+    least = nats(np.ones_like(value))
+    best = nats(value)
+    value = np.where((below > 0.0) & (best > least), value, 1.0)
+    return value, np.maximum(np.maximum(best, least) - nats(now), 0.0)

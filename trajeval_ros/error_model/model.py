@@ -57,7 +57,8 @@ class ErrorModel:
     kind: the likeliest process. groups: its parameters, of translation (m) and rotation (rad).
     nuisances, covariance: (9, 9), in the order of `NAMES`; extrinsic as a step from the left.
     log_likelihood: of the errors at the fitted parameters and nuisances, nats, up to the
-    alignment, of ``poses`` poses; uncorrected: with no nuisance at all, at the same parameters.
+    alignment, of ``poses`` poses, less what outliers cost; uncorrected: with no nuisance at all, at
+    the same parameters.
     chi2_per_dof, whiteness: of the innovations; the autocorrelations (2, lags), from lag 1 on.
     alternatives: nats a pose of each process. clock_changes: other than at a steady rate;
     clock_stretches: what parts of the run say of the offset.

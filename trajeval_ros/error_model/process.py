@@ -70,10 +70,11 @@ class Steps:
     slope_log_prior: Array
 
 
-def steps(kind: Kind, parameters: Array, intervals: Array) -> Steps:
+def steps(kind: Kind, parameters: Array, intervals: Array, factors: Array | None = None) -> Steps:
     """A group's steps.
 
-    parameters: (p,), in the order of ``kind.names``. intervals: dt, (n,), seconds.
+    parameters: (p,), in the order of ``kind.names``. intervals: dt, (n,), seconds. factors: of the
+    error's own variance in each step, (n,): what leaps is the error, not its velocity.
     """
     n, k, p = len(intervals), kind.components, len(parameters)
     # In memory the pose comes last: each entry is worked out for all poses at once.
@@ -108,6 +109,9 @@ def steps(kind: Kind, parameters: Array, intervals: Array) -> Steps:
         prior[-1, -1] = 1.0 / variance
         d_prior[-2, -1, -1] = -2.0 / variance
         log_prior, d_log[-2] = -2.0 * float(parameters[-2]), -2.0
+    if factors is not None:
+        noise[:, 0, 0] *= factors
+        d_noise[:, :, 0, 0] *= factors
     return Steps(transition, noise, d_transition, d_noise, prior, d_prior, log_prior, d_log)
 
 

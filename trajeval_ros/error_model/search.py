@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from trajeval_ros.error_model.axes import Axes, Series
 from trajeval_ros.error_model.likelihood import Data
-from trajeval_ros.error_model.maximum import climb
+from trajeval_ros.error_model.maximum import climb, penalised
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.structure import starts
 
@@ -26,26 +26,23 @@ LARGEST_STD = 1e3
 # Noise of this share of the ground truth's standard deviation, or a drift of it in all of the time,
 # is none.
 _NONE = 0.03
-# A search ends where another step gains less than this, nats, or after so many steps; starts are
-# told apart after a few.
-_GAIN = 0.02
-_STEPS = 12
-_FEW = 2
-# Where weights are there already, it goes on with this round of them; and where only the parameters
-# are.
-_AGAIN = 6
-_FIRST = 2
+# Starts are told apart after so many steps, and a search ends after so many.
+_FEW = 4
+_STEPS = 20
 # More poses than this are searched in stretches first, that lie so far (s) apart then.
-_MANY = 1000
+MANY = 1000
 _STRETCH = 200
 _APART = 1e6
 # Nuisances and parameters in turn: so often, until a step is this share of its deviation.
-_TURNS = 6
-# On all poses after stretches of them.
-_ON_ALL = 2
+_TURNS = 4
 _SHORT = 0.3
 # Nuisances moved by more than so many standard deviations leave other errors to begin with.
 _LONG = 3.0
+# Of what is taken all of, so much may be left.
+_ROUND_OFF = 1e-12
+# What the other group tells counts so little where it is left out, and is not nothing: orientations
+# alone do not show where the world is.
+_IGNORED = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,29 +84,31 @@ def bounds(kind: Kind, data: Data) -> tuple[Array, Array]:
     return low, high
 
 
-def search(kind: Kind, data: Data, gauge: Array, begin: Guess | None = None) -> Guess:
-    """Search from the structure function, or from what has been found of other errors.
+def search(kind: Kind, data: Data, gauge: Array, gain: float, begin: Guess | None = None) -> Guess:
+    """Search from the structure function, or from what has been found.
 
-    In a part of the poses first where there are many: in stretches of them.
+    That of another process, or of other poses, tells of nuisances, and of weights or parameters
+    as far as these are shared. It ends where another step gains less than ``gain``, nats.
     """
-    count = len(data.times)
-    if count > _MANY and (begin is None or begin.kind is not kind):
-        part = _stretches(count)
-        coarse = _Search(kind, _part(data, part), gauge[part], bounds(kind, data))
-        found = coarse.run(begin, _TURNS if begin is None else 1)
-        begin = found if begin is None else replace(found, theta=begin.theta)
-        return _Search(kind, data, gauge, bounds(kind, data)).run(begin, _ON_ALL)
-    return _Search(kind, data, gauge, bounds(kind, data)).run(begin)
+    return _Search(kind, data, gauge, gain).run(begin)
 
 
-def _stretches(count: int) -> npt.NDArray[np.intp]:
+def by_group(guess: Guess, data: Data, gauge: Array) -> list[tuple[Array, Array]]:
+    """θ (c,) and its covariance by translations alone and by rotations alone, at a maximum."""
+    return _Search(guess.kind, data, gauge, 0.0).alone(guess)
+
+
+def stretches(count: int) -> npt.NDArray[np.intp]:
     """The numbers of the poses in stretches of so many, evenly over all of them."""
-    begins = np.linspace(0, count - _STRETCH, _MANY // _STRETCH).astype(np.intp)
+    begins = np.linspace(0, count - _STRETCH, MANY // _STRETCH).astype(np.intp)
     return np.asarray((begins[:, None] + np.arange(_STRETCH)).ravel())
 
 
-def _part(data: Data, part: npt.NDArray[np.intp]) -> Data:
-    """Some poses, so long apart between stretches that these are independent."""
+def part_of(data: Data, part: npt.NDArray[np.intp]) -> Data:
+    """Some poses, so long apart between stretches that these are independent.
+
+    The likelihoods of two processes there are none of the same data.
+    """
     gaps = np.diff(part) > 1
     times = data.times[part]
     times[1:] += _APART * np.cumsum(gaps)
@@ -130,9 +129,9 @@ def _part(data: Data, part: npt.NDArray[np.intp]) -> Data:
 class _Search:
     """Errors and columns with the pose as their last axis, by group."""
 
-    def __init__(self, kind: Kind, data: Data, gauge: Array, limits: tuple[Array, Array]) -> None:
-        self._kind, self._data = kind, data
-        self._low, self._high = limits
+    def __init__(self, kind: Kind, data: Data, gauge: Array, gain: float) -> None:
+        self._kind, self._data, self._gain = kind, data, gain
+        self._low, self._high = bounds(kind, data)
         columns = [data.nuisances, data.errors[..., None]]
         self._precision = data.precision
         if kind is Kind.WANDER:
@@ -150,30 +149,34 @@ class _Search:
             for g in range(2)
         ]
 
-    def run(self, begin: Guess | None, turns: int = _TURNS) -> Guess:
+    def run(self, begin: Guess | None) -> Guess:
         """Nuisances and parameters in turn."""
         places: list[Axes] | None = None
+        self._begin = begin
         theta = np.zeros(len(self._precision))
-        round_ = 0
         if begin is not None:
             theta[: len(begin.theta)] = begin.theta
+            if len(begin.measured) == len(self._data.times):
+                self._series = [
+                    replace(each, measured=begin.measured[:, g], moved=begin.moved[:, g])
+                    for g, each in enumerate(self._series)
+                ]
             if begin.kind is self._kind:
-                weighted = len(begin.measured) == len(self._data.times)
-                round_ = _AGAIN if weighted else _FIRST
-                places = self._placed(begin, weighted=weighted)
-        size = np.zeros(1)
-        for _ in range(turns):
-            if (size > _LONG).any():
-                places = None
-            places = self._climbed(places, theta, round_)
-            round_ = _AGAIN
+                places = [
+                    Axes(self._kind, parameters, series)
+                    for parameters, series in zip(begin.parameters, self._series, strict=True)
+                ]
+        for _ in range(_TURNS):
+            places = self._climbed(places, theta)
             step, covariance = self._regressed(places, theta)
             theta = theta + step
             size = np.abs(step) / np.sqrt(np.diag(covariance))
             if (size < _SHORT).all():
                 break
-        assert places is not None
+            if begin is None and (size > _LONG).any():
+                places = None
         count = len(self._data.precision)
+        places = places or self._climbed(None, theta)
         return Guess(
             self._kind,
             np.stack([place.parameters for place in places]),
@@ -183,7 +186,7 @@ class _Search:
             covariance[:count, :count],
         )
 
-    def _climbed(self, places: list[Axes] | None, theta: Array, round_: int) -> list[Axes]:
+    def _climbed(self, places: list[Axes] | None, theta: Array) -> list[Axes]:
         """Each group at its maximum, rotation first, given the nuisances."""
         residual = self._both[:, -1] - np.tensordot(theta, self._both[:, :-1], (0, 1))
         found: list[Axes] = []
@@ -193,52 +196,93 @@ class _Search:
                 errors = errors + self._turned(found[0].states[None, :, 0])[0]
             series = replace(self._series[g], errors=errors)
             place = None if places is None else places[g]
-            found.insert(0, self._maximum(g, place, series, round_))
+            found.insert(0, self._maximum(g, place, series))
         return found
 
-    def _maximum(self, group: int, place: Axes | None, series: Series, round_: int) -> Axes:
+    def _maximum(self, group: int, place: Axes | None, series: Series) -> Axes:
         low, high = self._low[group], self._high[group]
         if place is not None:
             measured, moved = place.weights
             series = replace(series, measured=measured, moved=moved)
-            begin = Axes(self._kind, place.parameters, series)
-            return climb(begin, low, high, _GAIN, _STEPS, round_)
+            return climb(Axes(self._kind, place.parameters, series), low, high, self._gain, _STEPS)
         candidates = []
-        for start in starts(self._kind, series):
+        for start in self._starts(group, series):
             here = Axes(self._kind, np.clip(start, low, high), series)
-            candidates.append(climb(here, low, high, _GAIN, _FEW))
-        begin = max(candidates, key=lambda place: place.value)
-        return climb(begin, low, high, _GAIN, _STEPS)
+            candidates.append(climb(here, low, high, self._gain, _FEW))
+        begin = max(candidates, key=penalised)
+        return climb(begin, low, high, self._gain, _STEPS)
 
-    def _placed(self, begin: Guess, *, weighted: bool) -> list[Axes]:
-        """Where another search has ended; ``weighted``: its weights are of these poses."""
-        places = []
-        for g, series in enumerate(self._series):
-            if weighted:
-                weights = {"measured": begin.measured[:, g], "moved": begin.moved[:, g]}
-                series = replace(series, **weights)
-            places.append(Axes(self._kind, begin.parameters[g], series))
-        return places
+    def _starts(self, group: int, series: Series) -> list[Array]:
+        """Parameters (p,) to begin at."""
+        found = starts(self._kind, self._cleaned(group, series))
+        if self._kind is Kind.VELOCITY and self._begin is not None:
+            # Beside the drift that there is, too.
+            drift = self._begin.parameters[group]
+            found.append(np.concatenate([drift, found[0][2:]]))
+        return found
+
+    def _cleaned(self, group: int, series: Series) -> Series:
+        """Without what has factors already, as drift."""
+        if self._begin is None or len(self._begin.measured) != len(series.variance):
+            return series
+        place = Axes(self._begin.kind, self._begin.parameters[group], series)
+        measured, moved = place.weights
+        leaps = np.cumsum(place.moves[:, 0] * (1.0 - 1.0 / moved), axis=1)
+        errors = series.errors - place.residual * (1.0 - 1.0 / measured)
+        errors[:, 1:] -= leaps
+        return replace(series, errors=errors)
 
     def _regressed(self, places: list[Axes], theta: Array) -> tuple[Array, Array]:
         """A step of θ by generalised least squares, and its covariance."""
-        flat = len(theta) + 1
-        normal = np.zeros((flat, flat))
+        found, covariance = self._solved(np.sum(self._normals(places), axis=0))
+        return found - theta, covariance
+
+    def _solved(self, normal: Array) -> tuple[Array, Array]:
+        """θ and its covariance by normal equations (c + 1, c + 1), the right-hand side last."""
+        # What the process takes all of has no information but by round-off.
+        own = np.diag(normal)[:-1]
+        least = self._precision + _ROUND_OFF * np.abs(own)
+        information = normal[:-1, :-1] + np.diag(least)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), least))
+        information = scale[:, None] * information * scale + _ROUND_OFF * np.eye(len(own))
+        values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+        vectors = scale[:, None] * vectors
+        covariance = vectors / np.maximum(values, _ROUND_OFF) @ vectors.T
+        return covariance @ normal[:-1, -1], covariance
+
+    def alone(self, begin: Guess) -> list[tuple[Array, Array]]:
+        """θ and its covariance by translations alone and by rotations alone."""
+        places = [
+            Axes(
+                self._kind,
+                begin.parameters[g],
+                replace(series, measured=begin.measured[:, g], moved=begin.moved[:, g]),
+            )
+            for g, series in enumerate(self._series)
+        ]
+        normals = self._normals(places)
+        return [self._solved(normals[g] + _IGNORED * normals[1 - g])[:2] for g in range(2)]
+
+    def _normals(self, places: list[Axes]) -> list[Array]:
+        """The normal equations (c + 1, c + 1) of each group, the errors last."""
+        flat = self._both.shape[1]
+        normals: list[Array] = []
         heading = None
         for g in (1, 0):
             both = self._both[g]
             if heading is not None:
                 both = both + heading
             smoothed = places[g].smoothed(both.reshape(flat * 3, -1)).reshape(both.shape)
-            rest = (both - smoothed) * places[g].weight
-            normal += both.reshape(flat, -1) @ rest.reshape(flat, -1).T
+            weighted = (both * places[g].weight).reshape(flat, -1)
+            normal = weighted @ (both - smoothed).reshape(flat, -1).T
+            error = _ROUND_OFF
             if self._kind is not Kind.WANDER:
+                # All of what is constant is the process's.
+                error += np.abs(places[g].smoothed(np.ones((1, both.shape[-1]))) - 1.0).max()
                 heading = self._turned(smoothed)
-        information = normal[:-1, :-1] + np.diag(self._precision)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-        inverse = np.linalg.inv(scale[:, None] * information * scale)
-        covariance = scale[:, None] * inverse * scale
-        return covariance @ normal[:-1, -1] - theta, covariance
+            squares = np.einsum("ci,ci->c", weighted, both.reshape(flat, -1))
+            normals.insert(0, normal + np.diag(error * squares))
+        return normals
 
     def _turned(self, rotation: Array) -> Array:
         """What rotations (m, 3, N) have moved positions by until each pose."""
