@@ -29,12 +29,13 @@ from trajeval_ros.benchmarking.figures import FIGURES
 from trajeval_ros.benchmarking.grids import heading, number
 from trajeval_ros.benchmarking.grids import summary as summary_grids
 from trajeval_ros.benchmarking.manifest import read_manifest
-from trajeval_ros.benchmarking.plan import Task
+from trajeval_ros.benchmarking.plan import Task, plan, tasks
 from trajeval_ros.benchmarking.results import Results, read_csv, read_results
 from trajeval_ros.benchmarking.table import compare
 from trajeval_ros.benchmarking.whole import OutputExistsError, run
-from trajeval_ros.benchmarking.work import LOST, OK, Outcome, Row, failed, scores_of
+from trajeval_ros.benchmarking.work import LOST, OK, Outcome, Row, failed, outcomes_of, scores_of
 from trajeval_ros.commands import benchmark, simulate
+from trajeval_ros.runs import offline
 
 pytest.importorskip("distributed")
 pytest.importorskip("pyarrow")
@@ -197,6 +198,21 @@ def test_no_estimate_s_name_is_a_parameter(done: Done) -> None:
         for scored in scores_of(parameters, truth, estimates)
     ]
     assert offsets == [0.01, 0.01]
+
+
+def test_a_figure_that_a_defect_costs_is_said_in_the_row(
+    done: Done, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("of a defect")
+
+    monkeypatch.setattr(offline, "with_headline", broken)
+    found = read_manifest(done[0])
+    task = tasks(found, {**plan(found), "stairs": []}, 1)[0]
+    rows = [outcome.row for outcome in outcomes_of(task) if outcome.row["status"] == OK]
+    assert rows
+    assert all("the headline" in str(row["defects"]) for row in rows)
+    assert all(row["defects"] is None for row in done[1])
 
 
 @contextlib.contextmanager

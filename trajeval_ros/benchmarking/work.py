@@ -81,7 +81,7 @@ def _scored(
     share = before + (time.perf_counter() - start) / len(estimates)
     return {
         one.key: Outcome(
-            _row(one, estimate, each.summary, share),
+            _row(one, estimate, each, share),
             errors_of(one.key, truth.stamps, each.evaluated, _alignment(each.summary)),
         )
         for (one, estimate), each in zip(estimates.items(), scored, strict=True)
@@ -115,7 +115,7 @@ def scores_of(
             values[name] = value
     whole = complete(values, names)
     scorings = {
-        name: Scoring(estimate, Report(of_estimate(whole, name), {}))
+        name: Scoring(estimate, Report(of_estimate(whole, name), {}), explain=False)
         for name, estimate in zip(names, estimates, strict=True)
     }
     # The rows have the plan's hashes, so that no file is read once more for its own.
@@ -150,6 +150,7 @@ def _origin(one: Planned, status: str, error: str | None) -> Row:
         "numpy": np.__version__,
         "scipy": scipy.__version__,
         "wall_time": None,
+        "defects": None,
     }
 
 
@@ -158,10 +159,12 @@ def failed(one: Planned, error: str, status: str = FAILED) -> Row:
     return _origin(one, status, error)
 
 
-def _row(one: Planned, estimate: Trajectory, summary: dict[str, Any], seconds: float) -> Row:
+def _row(one: Planned, estimate: Trajectory, scored: Scored, seconds: float) -> Row:
+    summary = scored.summary
     why = why_none(estimate.source, len(estimate), summary)
     row = _origin(one, OK if why is None else FAILED, why and _one_line(why))
     row["wall_time"] = seconds
+    row["defects"] = "; ".join(scored.defects) or None
     parameters = {f"parameters.{name}": summary["parameters"][name] for name in PARAMETERS}
     row |= {name: cell(value) for name, value in parameters.items()}
     figures = {k: v for k, v in summary.items() if k not in ("version", "inputs", "parameters")}

@@ -77,7 +77,7 @@ class Posterior:
     cross: tuple[Array, ...] | None = None
     twists: Twists | None = None
 
-    def __getitem__(self, index: slice) -> Posterior:
+    def __getitem__(self, index: npt.NDArray[np.intp]) -> Posterior:
         """Some of the poses, without ``cross``."""
         twists = self.twists
         if twists is not None:

@@ -11,6 +11,7 @@ on the stamps alone, never on when a message arrived; the clock only tells when 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +22,12 @@ from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.trajectory import Posterior
 from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.parameters import ONE, ParameterError, Value, complete, table
+from trajeval_ros.online.question import Question, answered
 from trajeval_ros.online.reference import Reference
 from trajeval_ros.online.results import Health, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import Settings, settings_of
-from trajeval_ros.online.track import Question, Track
+from trajeval_ros.online.track import Track
 
 Stamps = npt.NDArray[np.int64]
 
@@ -156,15 +158,7 @@ class Engine:
                 for q in questions
             ]
         else:
-            counts = [len(question.stamps) for question in questions]
-            if not sum(counts):
-                answers = [None] * len(counts)
-            else:
-                stamps, until = (
-                    np.concatenate([getattr(question, part) for question in questions])
-                    for part in ("stamps", "until")
-                )
-                answers = _divided(ask(stamps, until, twists=True), counts)
+            answers = answered(questions, partial(ask, twists=True))
         scored = zip(self._tracks.items(), answers, strict=True)
         return {name: track.score(answer) for (name, track), answer in scored}
 
@@ -240,13 +234,3 @@ class Engine:
         if name not in self._tracks:
             raise ValueError(f"no estimate is called {name}: there is {', '.join(self._names)}")
         return name
-
-
-def _divided(answer: Posterior, counts: Sequence[int]) -> list[Posterior | None]:
-    """The answer's parts, of so many queries each; None for none."""
-    parts: list[Posterior | None] = []
-    end = 0
-    for count in counts:
-        part, end = slice(end, end + count), end + count
-        parts.append(answer[part] if count else None)
-    return parts

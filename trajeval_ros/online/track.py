@@ -22,6 +22,7 @@ from trajeval_ros.online.coverage import Presence, coverage
 from trajeval_ros.online.doubts import CovarianceDoubts
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.intake import Accepted, Intake
+from trajeval_ros.online.question import Question
 from trajeval_ros.online.reference import LEARNED, Reference
 from trajeval_ros.online.results import NO_EVALUATIONS, Evaluations, Health, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
@@ -37,15 +38,6 @@ Mask = npt.NDArray[np.bool_]
 _SELF_CHECK = 1e-6
 _STRAINED = 0.2
 _FAR_MORE_RARELY = 4.0
-
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """The ground truth at ``stamps`` (n,), ns, by the samples up to ``until`` (n,); ``joint``ly."""
-
-    stamps: Stamps
-    until: Stamps
-    joint: JointCovariance | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,12 +63,15 @@ class Scoring:
     """An estimate to be scored: its poses, and the records that are kept of it.
 
     ``observe`` is called with what each batch brings, and what gives the run's summary by then.
+    Without ``explain`` there are the figures alone: no causes are looked for, and the report has
+    its parameters and defects only.
     """
 
     estimate: Trajectory
     report: Report
     folder: OutputFolder | None = None
     observe: Observer | None = None
+    explain: bool = True
 
 
 @dataclass(frozen=True)
@@ -77,13 +80,14 @@ class Scored:
 
     Its ``summary``; ``places`` where rejected poses stand; the poses that were ``evaluated``, on
     the ground truth's clock, but for those in its gaps: there the errors would be its own;
-    ``stamps`` (M,) of all that were, ns, on the same clock.
+    ``stamps`` (M,) of all that were, ns, on the same clock; ``defects``: a line for what failed.
     """
 
     summary: Figures
     places: tuple[str, ...]
     evaluated: Evaluated
     stamps: npt.NDArray[np.int64]
+    defects: tuple[str, ...] = ()
 
 
 def score(
@@ -107,7 +111,8 @@ def score(
     for found in feed_all(engine, truth.samples, estimates, _chunk(scorings)):
         for name, results in found.items():
             scoring = scorings[name]
-            scoring.report.add(results)
+            if scoring.explain:
+                scoring.report.add(results)
             kept[name].add(results)
             if scoring.folder is not None:
                 # The folder says at the end what it has not got.
@@ -146,16 +151,20 @@ def _scored(
 ) -> Scored:
     report, estimate = scoring.report, scoring.estimate
     inputs = source, describe(estimate.source)
-    summary = completed(engine, name, truth, estimate, report, inputs, kept, whole=whole)
-    none: tuple[str, ...] = ()
-    places = shield(
-        "the list of rejected rows",
-        lambda: _places(engine.health(name), truth, estimate),
-        none,
-        report.say,
+    summary = completed(
+        *(engine, name, truth, estimate, report, inputs, kept), whole=whole, explain=scoring.explain
     )
+    places: tuple[str, ...] = ()
+    if scoring.explain:
+        places = shield(
+            "the list of rejected rows",
+            lambda: _places(engine.health(name), truth, estimate),
+            places,
+            report.say,
+        )
     offset = engine.settings.estimates[name].time_offset
-    return Scored(summary, places, kept.known(name, offset), kept.stamps + offset)
+    known = kept.known(name, offset)
+    return Scored(summary, places, known, kept.stamps + offset, report.defects)
 
 
 def completed(
@@ -168,33 +177,23 @@ def completed(
     kept: WholeRun,
     *,
     whole: bool,
+    explain: bool = True,
 ) -> Figures:
     """Return the summary of a run that has been fed; tell the report what its page needs.
 
     ``inputs``: what the ground truth and the estimate are of; ``kept``: every evaluated pose;
-    ``whole``: the engine has all of the ground truth still.
+    ``whole``: the engine has all of the ground truth still; without ``explain`` no likely causes
+    are looked for, nor what the page alone shows.
     """
     offset = engine.settings.estimates[name].time_offset
-    report.notices, report.way = engine.notices(name), engine.way()
-    fit = engine.health(name).fit
-    report.anew = () if fit is None else fit.anew
-    report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
-    report.of_rows = causes_of_rows(truth, estimate, offset)
     summary: Figures = {
         **origin(report.parameters, *inputs),
         **engine.summary(name),
     }
     count_left_out(summary["estimate"], estimate)
     count_left_out(summary["ground_truth"], truth)
-    no_causes: tuple[Cause, ...] = ()
-    report.of_rows += shield(
-        "the search for the clocks' offset",
-        lambda: far_offset(
-            truth, estimate, 1e-9 * offset, summary["conventional"]["ate_translation_rmse"]
-        ),
-        no_causes,
-        report.say,
-    )
+    if explain:
+        _look(engine, name, truth, estimate, report, summary)
     poses, evaluation = kept.poses, engine.settings.evaluation
     some = len(poses.stamps) > 0
     if some:
@@ -228,12 +227,13 @@ def completed(
         report.notices = notices_on_positions(report.notices)
     if some and not position_only:
         none: dict[str, tuple[Box, ...]] = {}
-        report.growth = shield(
-            "the growth of errors",
-            lambda: grown(poses, evaluation),
-            none,
-            report.say,
-        )
+        if explain:
+            report.growth = shield(
+                "the growth of errors",
+                lambda: grown(poses, evaluation),
+                none,
+                report.say,
+            )
         lack: dict[str, Figures] = {}
         models = shield(
             "the error model",
@@ -264,8 +264,34 @@ def completed(
             summary,
             report.say,
         )
-    summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
+    if explain:
+        summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
     return summary
+
+
+def _look(
+    engine: Engine,
+    name: str,
+    truth: Trajectory,
+    estimate: Trajectory,
+    report: Report,
+    summary: Figures,
+) -> None:
+    """Tell the report what the inputs are like, and what of a run's rows may be wrong."""
+    offset = engine.settings.estimates[name].time_offset
+    report.notices, report.way = engine.notices(name), engine.way()
+    fit = engine.health(name).fit
+    report.anew = () if fit is None else fit.anew
+    report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
+    none: tuple[Cause, ...] = ()
+    report.of_rows = causes_of_rows(truth, estimate, offset) + shield(
+        "the search for the clocks' offset",
+        lambda: far_offset(
+            truth, estimate, 1e-9 * offset, summary["conventional"]["ate_translation_rmse"]
+        ),
+        none,
+        report.say,
+    )
 
 
 def causes_of_rows(truth: Trajectory, estimate: Trajectory, offset: int) -> tuple[Cause, ...]:
