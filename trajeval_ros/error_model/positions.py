@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize
 
 from trajeval_ros.alignment.gauge import Gauge
 from trajeval_ros.error_model.nuisances import Ask
@@ -215,6 +214,9 @@ def _fitted(
     data: _Data, before: dict[Kind, tuple[float, Array]]
 ) -> dict[Kind, tuple[float, Array]]:
     """Of each process the log-likelihood and its parameters' logarithms, from those ``before``."""
+    # Only here: its import takes a tenth of a second, which every run would pay.
+    from scipy.optimize import minimize
+
     gap, span = float(np.median(data.gaps)), float(data.gaps.sum())
     size = np.log([_SMALLEST, _LARGEST])
     # A wander that is slower is a walk, and one that is faster is jitter.

@@ -3,6 +3,7 @@
 """The stamps of a table, exact to the nanosecond, in whatever unit they are."""
 
 import decimal
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,9 @@ _UNITS = {9: "seconds", 6: "milliseconds", 3: "microseconds", 0: "nanoseconds"}
 
 # Enough digits for any stamp in a file, so that decimal arithmetic on it is exact.
 _CONTEXT = decimal.Context(prec=400)
+
+# More digits than so many are never held by 64 bits.
+_DIGITS = 19
 
 # s since 1970, from the year 2000 to 2100: no count since a start comes near.
 _EPOCH = (946_684_800.0, 4_102_444_800.0)
@@ -51,10 +55,14 @@ def read_stamps(table: Table, exponent: int) -> tuple[Integers, Mask, tuple[str,
     said = None if table.named is None else table.named.exponent
     unit = _unit(table.values[finite, 0], exponent) if said is None else said
     remarks = () if unit == exponent else (f"stamps in {_UNITS[unit]}",)
-    parsed = _parsed(table, finite, unit)
-    stamps = np.zeros(len(table.first), dtype=np.int64)
-    hint = "; is it in nanoseconds?" if unit == SECONDS else ""
-    stamps[finite] = _checked(table, parsed, finite, _UNITS[unit] + hint)
+    stamps, known = _plain(table.first, unit)
+    stamps[~finite] = 0
+    for index in np.flatnonzero(finite & ~known).tolist():
+        stamp = _decimal_nanoseconds(table, index, unit)
+        if not -(2**63) <= stamp < 2**63:
+            hint = "; is it in nanoseconds?" if unit == SECONDS else ""
+            raise _out_of_range(table, index, _UNITS[unit] + hint)
+        stamps[index] = stamp
     return stamps, finite, remarks
 
 
@@ -89,21 +97,28 @@ def _is_step(values: Array, seconds: float) -> bool:
     return len(steps) == 0 or _SHORTEST_STEP <= float(np.median(steps)) * seconds <= _LONGEST_STEP
 
 
-def _parsed(table: Table, finite: Mask, exponent: int) -> list[int | None]:
-    """Each stamp in nanoseconds; None for those that are not finite."""
-    parsed = [_plain(word, exponent) for word in table.first]
-    for index, value in enumerate(parsed):
-        if value is None and finite[index]:
-            parsed[index] = _decimal_nanoseconds(table, index, exponent)
-    return parsed
+def _plain(words: Sequence[str], exponent: int) -> tuple[Integers, Mask]:
+    """Nanoseconds of what is digits, a point, as many digits as there can be; (N,).
 
-
-def _plain(word: str, exponent: int) -> int | None:
-    """Of digits, a point, as many digits as there can be; None for any other way to write it."""
-    whole, _, fraction = word.partition(".")
-    if whole.isdecimal() and len(fraction) <= exponent and (fraction.isdecimal() or not fraction):
-        return int(whole + fraction.ljust(exponent, "0"))
-    return None
+    And which are written so, (N,): all at once, those that have the point at the same place.
+    """
+    stamps, known = np.zeros(len(words), dtype=np.int64), np.zeros(len(words), dtype=np.bool_)
+    width = _DIGITS + 2  # with a point, and one to tell that there are more
+    letters = np.array(words, dtype=f"S{width}").view(np.uint8).reshape(-1, width)
+    sizes, is_point = np.count_nonzero(letters, axis=1), letters == ord(".")
+    points = np.where(is_point.any(axis=1), is_point.argmax(axis=1), sizes)
+    for kind in np.unique(width * sizes + points).tolist():
+        size, point = divmod(kind, width)
+        decimals = max(size - point - 1, 0)
+        if not 0 < point <= _DIGITS - exponent or decimals > exponent:
+            continue
+        alike = np.flatnonzero((sizes == size) & (points == point))
+        digits = letters[alike, :size].astype(np.int64) - ord("0")
+        digits = np.delete(digits, slice(point, point + 1), axis=1)
+        powers = 10 ** np.arange(point + exponent - 1, exponent - decimals - 1, -1, dtype=np.int64)
+        stamps[alike] = digits @ powers  # where it is too large for 64 bits it is negative
+        known[alike] = ((digits >= 0) & (digits <= 9)).all(axis=1) & (stamps[alike] >= 0)
+    return stamps, known
 
 
 def _decimal_nanoseconds(table: Table, index: int, exponent: int) -> int:
@@ -122,20 +137,6 @@ def _decimal_nanoseconds(table: Table, index: int, exponent: int) -> int:
         reason = f"the stamp {shown(word)} is not a whole number of nanoseconds"
         raise TrajectoryFileError(table.source, reason, row)
     return int(rounded)
-
-
-def _checked(table: Table, parsed: list[int | None], finite: Mask, unit: str) -> Integers:
-    """The finite ones as int64."""
-    kept = [value for value, keep in zip(parsed, finite, strict=True) if keep and value is not None]
-    try:
-        return np.array(kept, dtype=np.int64)
-    except OverflowError:
-        too_large = next(
-            index
-            for index, value in enumerate(parsed)
-            if value is not None and not -(2**63) <= value < 2**63
-        )
-        raise _out_of_range(table, too_large, unit) from None
 
 
 def _out_of_range(table: Table, index: int, unit: str) -> TrajectoryFileError:

@@ -79,7 +79,9 @@ def read_table(path: PathLike, layout: Layout) -> Table:
     """
     content = read_content(path)
     text = content.text.replace(",", " ")
-    lines = [line.partition("#")[0] for line in text.split("\n")]
+    lines = text.split("\n")
+    if "#" in text:
+        lines = [line.partition("#")[0] for line in lines]
     filled = [row for row, line in enumerate(lines, start=1) if line and not line.isspace()]
     if not filled:
         reason = "nothing but comments" if text.strip() else "nothing"

@@ -45,7 +45,7 @@ _BLOCK = 32
 _PANEL = 8
 # So many panels at a time: their arrays stay in the cache, and the memory they need is not handed
 # back to the system, and asked for anew, each time.
-_PANELS = 16
+_PANELS = 64
 _ROWS, _COLUMNS = np.tril_indices(_BLOCK)
 _LOWER = _ROWS * _BLOCK + _COLUMNS
 

@@ -12,9 +12,10 @@ answers is, too, across gaps as well. At 1 the old segment is closed.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, islice
 
 import numpy as np
 import numpy.typing as npt
@@ -143,6 +144,14 @@ class Segmentation:
         )
         outgoing = [*self._handovers[first:], None]
         return map(Blended, count(oldest + first), self._segments[first:], incoming, outgoing)
+
+    def between(self, begin: int, end: int) -> Iterator[Blended]:
+        """Iterate over those that may have weight between the stamps ``begin`` and ``end`` (ns)."""
+        complete = len(self._handovers) - self._handing_over
+        oldest = self.opened - len(self._segments)
+        first = bisect_right(self._handovers, begin, hi=complete, key=lambda each: each.end)
+        last = bisect_left(self._handovers, end, lo=first, key=lambda each: each.begin)
+        return islice(self.since(oldest + first), last - first + 1)
 
     @property
     def first_open(self) -> int:

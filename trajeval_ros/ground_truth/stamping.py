@@ -132,11 +132,13 @@ class Stamping:
         decided = _Decided(measured, regular, known.poses[:count])
         first = _BLOCK - self._count % _BLOCK
         edges = [0, *range(first, count, _BLOCK), count]
+        if (measured == regular).all():
+            edges = [0, count]  # the poses have no choice
         stamps = [self._stamps(decided[a:b]) for a, b in pairwise(edges) if b > a]
         return replace(known[:count], stamps=np.concatenate([_NONE.stamps, *stamps]))
 
     def _stamps(self, samples: _Decided) -> Stamps:
-        """The stamps of some samples of one block."""
+        """The stamps of some samples, of one block where the poses have a choice."""
         stamps = samples.regular if self._follows else samples.measured
         # Where it goes from one to the other, the stamps go on.
         steps = np.arange(len(stamps))
@@ -144,8 +146,8 @@ class Stamping:
         self._newest = int(stamps[-1])
         self._late.add(samples)
         self._vote(samples)
-        self._count += len(stamps)
-        if self._count % _BLOCK == 0:
+        begun, self._count = self._count // _BLOCK, self._count + len(stamps)
+        if self._count // _BLOCK > begun:
             self._follows = self._balance > -_CLEAR
         return np.asarray(stamps)
 
@@ -272,9 +274,9 @@ class _Coarse:
             self._look(block)
 
     def _look(self, block: Stamps) -> None:
-        tick = ticks.quantised(block)
-        self._regular_tick = max(self._regular_tick, ticks.resolution(block))
-        if tick:
+        tick = ticks.resolution(block)
+        self._regular_tick = max(self._regular_tick, tick)
+        if ticks.quantised(block, tick):
             self._span = (self._span[0] if self._count else int(block[0]), int(block[-1]))
             self._count += len(block)
             self.tick = max(self.tick, tick)

@@ -268,9 +268,10 @@ class GroundTruth:
         self._advance()
         order = np.argsort(stamps, kind="stable")
         sorted_stamps = stamps[order]
+        ends = sorted_stamps[[0, -1]].tolist() if len(stamps) else [0, 0]
         parts = [
             part
-            for blended in self._segmentation
+            for blended in self._segmentation.between(*ends)
             for part in _parts(blended, order, sorted_stamps, until)
         ]
         found = answers(
