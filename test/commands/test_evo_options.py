@@ -10,6 +10,7 @@ import pytest
 
 from trajeval_ros.commands import evaluate, inputs
 from trajeval_ros.commands.console import UsageError
+from trajeval_ros.commands.simulate import write_files
 
 
 @pytest.mark.parametrize(
@@ -48,3 +49,13 @@ def test_topics_stand_behind_a_bag_as_in_evo(named: list[str], tmp_path: Path) -
         read("/gt")
     with pytest.raises(UsageError, match="or by --ground-truth"):
         read("/gt", "/vio", "--estimate", "/lio")
+
+
+def test_files_in_the_wrong_order_are_asked_about(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth, estimate = map(str, write_files(tmp_path, 10.0, 3))
+    assert evaluate.main([estimate, truth]) == 0
+    assert "have the two been swapped?" in capsys.readouterr().out
+    assert evaluate.main([truth, estimate]) == 0
+    assert "swapped" not in capsys.readouterr().out

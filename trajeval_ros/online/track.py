@@ -389,8 +389,8 @@ class Track:
         if truth is None or own is None or truth < _FAR_MORE_RARELY * own:
             return ()
         text = (
-            f"the ground truth comes at {1.0 / truth:.2g} Hz, and the estimate at {1.0 / own:.2g} "
-            "Hz: have the two been swapped? The ground truth is named first"
+            f"the ground truth comes at {_rate(truth)} Hz, and the estimate at {_rate(own)} Hz:"
+            " have the two been swapped? The ground truth is named first"
         )
         return (Notice("info", "sparse_ground_truth", text),)
 
@@ -492,6 +492,11 @@ class Track:
             "conventional": {**conventional, "distributions": distributions(evaluation)},
             "window": window_figures(evaluation.window(), evaluation.gauge),
         }
+
+
+def _rate(interval: float) -> str:
+    """Hz, of an interval in s."""
+    return f"{1.0 / interval:.0f}" if interval <= 0.1 else f"{1.0 / interval:.2g}"
 
 
 def _subject(notice: Notice) -> str:

@@ -20,6 +20,7 @@ from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.fitted import clock_causes, lever_arm_causes
 from trajeval_ros.diagnosis.lost import lost
+from trajeval_ros.diagnosis.swapped import Given, swapped
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.files.provenance import described
 from trajeval_ros.files.trajectory import Trajectory
@@ -27,7 +28,7 @@ from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
-from trajeval_ros.online.results import Health, Results, TopicHealth
+from trajeval_ros.online.results import Health, Notice, Results, TopicHealth
 from trajeval_ros.online.whole_run import grown, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_model_on_positions, error_models, put_into
@@ -127,6 +128,18 @@ def score(
         name: _scored(engine, name, truth, source, scoring, kept[name], whole, describe)
         for name, scoring in scorings.items()
     }
+
+
+def _swapped(
+    truth: Trajectory, estimate: Trajectory, known: tuple[Notice, ...]
+) -> tuple[Notice, ...]:
+    """Whether the two stand in each other's place, unless that has been asked."""
+    if any(notice.code == "sparse_ground_truth" for notice in known) or not len(estimate):
+        return ()
+    asked = swapped(
+        *(Given(e.source, e.stamps, e.positions[0], e.quaternions[0]) for e in (truth, estimate))
+    )
+    return () if asked is None else (Notice("warning", "swapped", asked),)
 
 
 def _chunk(scorings: Mapping[str, Scoring]) -> int:
@@ -280,6 +293,13 @@ def _look(
     """Tell the report what the inputs are like, and what of a run's rows may be wrong."""
     offset = engine.settings.estimates[name].time_offset
     report.notices, report.way = engine.notices(name), engine.way()
+    nothing: tuple[Notice, ...] = ()
+    report.notices += shield(
+        "the question of the order",
+        lambda: _swapped(truth, estimate, report.notices),
+        nothing,
+        report.say,
+    )
     fit = engine.health(name).fit
     report.anew = () if fit is None else fit.anew
     report.add_received(ground_truth=truth.stamps, estimate=estimate.stamps)
