@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-from trajeval_ros.runs.beside import Work
+from trajeval_ros.runs.beside import Outcome, Work, outcome_of
 
 
 class Beside:
@@ -23,7 +23,7 @@ class Beside:
     def __init__(self) -> None:
         """Start idle, without a thread."""
         self._thread = ThreadPoolExecutor(1, "beside")
-        self._work: tuple[Work, Future[tuple[Callable[[], Any], float]]] | None = None
+        self._work: tuple[Work, Future[tuple[Outcome, float]]] | None = None
 
     def start(self, due: Callable[[], Work | None]) -> None:
         """Begin with what is ``due``, unless something is being done."""
@@ -48,18 +48,8 @@ class Beside:
         return took
 
 
-def _done(do: Callable[[], Any]) -> tuple[Callable[[], Any], float]:
-    """What returns the result, or raises what was raised; and the processor time that it took."""
+def _done(do: Callable[[], Any]) -> tuple[Outcome, float]:
+    """The outcome, and the processor time that it took (s)."""
     begin = time.thread_time()
-    try:
-        result = do()
-    except Exception as error:  # noqa: BLE001 (raised where the result is taken)
-        return _raising(error), time.thread_time() - begin
-    return (lambda: result), time.thread_time() - begin
-
-
-def _raising(error: Exception) -> Callable[[], Any]:
-    def outcome() -> Any:
-        raise error
-
-    return outcome
+    outcome = outcome_of(do)
+    return outcome, time.thread_time() - begin

@@ -39,11 +39,13 @@ from trajeval_ros.runs.session import Session
 from trajeval_ros.wall import shield
 
 _BATCH_PERIOD = 0.02
-# What a batch costs grows slowly with its size: beyond their share of the time they become rarer
-# and larger, by the mean cost of the last ten or so. One that closes a segment costs several times
-# as much as the others, and must not make the next one wait.
-_LONGEST_BATCH_PERIOD = 0.1
+# What a batch costs grows slowly with its size: beyond their share of the processor they become
+# rarer and larger, by the mean cost of the last ten or so. One that closes a segment costs several
+# times as much as the others, and must not make the next one wait.
+_LONGEST_BATCH_PERIOD = 0.05
 _SMOOTHING = 0.1
+# Without messages the clock alone can end a wait, of a second and more.
+_CLOCK_PERIOD = 0.1
 _DISCOVERY_PERIOD = 0.2
 _DIAGNOSTICS_PERIOD = 1.0
 _CAUSES_PERIOD = 5.0
@@ -100,7 +102,7 @@ class Evaluator(Node):
         topics = (source.state.topic for source in self._inputs)
         sources = dict(zip(("ground truth", *names), topics, strict=True))
         self._session = Session(values, sources, beside=True)
-        self._lessons, self._fits = Beside(), Beside()
+        self._lessons, self._fits, self._searches = Beside(), Beside(), Beside()
         parameters.watch(self, table(names), self._session.change)
         self._metrics = Table(self, "~/metrics")
         self._estimates = [
@@ -118,7 +120,7 @@ class Evaluator(Node):
         self._sieve: LeftOver | None = None
         self._notices_said: set[str] = set()
         self._defects_said: set[str] = set()
-        self._batch_cost = self._next_fit = self._next_path = 0.0
+        self._batch_cost = self._next_fit = self._next_path = self._next_clock = 0.0
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -184,13 +186,15 @@ class Evaluator(Node):
     # -------------------------------------------------------------- periodic work, services
 
     def _on_batch(self) -> float:
-        begin = time.monotonic()
+        begin, processor = time.monotonic(), time.thread_time()
         self._take_up(begin)
+        before = self._monitor.messages
         self._process()
         self._lessons.start(self._session.lesson_due)
-        took = time.monotonic() - begin
-        self._monitor.note_batch(took)
-        self._batch_cost += _SMOOTHING * (min(took, _BATCH_PERIOD) - self._batch_cost)
+        self._monitor.note_batch(time.monotonic() - begin)
+        if self._monitor.messages != before:
+            took = min(time.thread_time() - processor, _BATCH_PERIOD)
+            self._batch_cost += _SMOOTHING * (took - self._batch_cost)
         for each in self._estimates:
             each.publish_due(begin)
         return min(max(self._batch_cost / SHARE, _BATCH_PERIOD), _LONGEST_BATCH_PERIOD)
@@ -208,8 +212,11 @@ class Evaluator(Node):
             self._compared.publish()
 
     def _take_up(self, now: float) -> None:
-        """Go on with what was learned and fitted beside."""
-        self._lessons.take()
+        """Go on with what was learned, fitted and found beside."""
+        if self._lessons.take() is not None:
+            self._next_clock = now
+        if self._searches.take() is not None:
+            self._say_causes()
         took = self._fits.take()
         if took is not None:
             self._next_fit = now + took / SHARE
@@ -219,7 +226,9 @@ class Evaluator(Node):
     def _on_error_model(self) -> None:
         """Begin the fit of a block or the window; one that took long makes the next one wait."""
         if time.monotonic() >= self._next_fit:
-            self._fits.start(self._session.fit_due)
+            # The window's is for those who listen, and until there is one of the run.
+            wanted = self._metrics.wanted
+            self._fits.start(partial(self._session.fit_due, of_window=wanted))
 
     def _on_latest_paths(self) -> None:
         """Score the latest whole trajectories; what takes long makes the next time wait."""
@@ -230,13 +239,15 @@ class Evaluator(Node):
                 each.is_due = True
 
     def _on_causes(self) -> None:
-        self._session.look_for_causes()
+        self._searches.start(self._session.search_due)
+        self._log_defects()
+
+    def _say_causes(self) -> None:
         for each in self._estimates:
             for cause in self._session.causes_of(each.name):
                 if cause.code not in each.causes_said:
                     each.causes_said.add(cause.code)
                     self.get_logger().warning(f"{each.title}{cause.sentence}")
-        self._log_defects()
 
     def _on_waiting(self) -> None:
         """Say what is missing, until something has come on every topic."""
@@ -362,6 +373,10 @@ class Evaluator(Node):
                 return
 
     def _feed(self, arrived: _Arrived, now: int | None) -> None:
+        steady = time.monotonic()
+        if steady < self._next_clock and all(samples is None for samples in arrived):
+            return
+        self._next_clock = steady + _CLOCK_PERIOD
         self._session.feed(*arrived)
         self._stamp_clock.note(self._session.newest_stamps(), now)
         self._publish(self._session.advance_all(self._stamp_clock.now(now)))

@@ -17,7 +17,7 @@ from trajeval_ros.node.evaluator import Evaluator
 from trajeval_ros.online.parameters import ParameterError
 from trajeval_ros.rcl_errors import first_line
 
-_SPIN_PERIOD = 0.05
+_SPIN_PERIOD = 0.1
 
 
 def run(arguments: Sequence[str], stop: Stop) -> int:

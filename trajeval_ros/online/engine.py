@@ -162,6 +162,11 @@ class Engine:
         scored = zip(self._tracks.items(), answers, strict=True)
         return {name: track.score(answer) for (name, track), answer in scored}
 
+    def newest_stamps(self) -> list[int]:
+        """The newest stamps let in (ns), one a topic, on the ground truth's clock."""
+        newest = (self._reference.newest, *(track.newest for track in self._tracks.values()))
+        return [stamp for stamp in newest if stamp is not None]
+
     def _pass_on(self) -> None:
         """Tell every track the samples that were let in."""
         for samples in self._reference.fresh():

@@ -55,6 +55,11 @@ class Reference:
         return np.concatenate([self.ground_truth.stamps, *held])
 
     @property
+    def newest(self) -> int | None:
+        """Stamp (ns) of the newest sample let in."""
+        return self._intake.last
+
+    @property
     def is_ready(self) -> bool:
         """Whether there are samples and the hyperparameters are known."""
         truth = self.ground_truth

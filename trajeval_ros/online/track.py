@@ -114,6 +114,12 @@ class Track:
         """Stamp (ns) before which it asks for nothing any more; None while all may be asked."""
         return self._begin
 
+    @property
+    def newest(self) -> int | None:
+        """Stamp (ns) of the newest pose let in, on the ground truth's clock."""
+        own = self._estimates.last
+        return None if own is None else own + self._settings.time_offset
+
     def add(self, samples: PoseSamples) -> None:
         """Take poses, in the order of their arrival."""
         if samples.covariances is not None and self._settings.use_covariance:

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.report.coverage import Coverage
 from trajeval_ros.report.run import Run
-from trajeval_ros.report.track import Track
+from trajeval_ros.report.track import Records, Track
 from trajeval_ros.wall import shield
 
 # A node that runs for weeks does not gather more lines than this.
@@ -84,35 +85,24 @@ class Report:
 
     def causes(self) -> tuple[Cause, ...]:
         """Return what is likely wrong with the data, if anything is."""
-        none: tuple[Cause, ...] = ()
-        if any(cause.code == "time_base" for cause in self.of_rows):
-            # Of poses that do not belong together nothing else can be said.
-            return self.of_rows
-        of_poses = shield("the search for likely causes", self._causes, none, self.say)
-        if self.lacks_orientation:
-            # Who wrote none knows that it never changes.
-            of_poses = tuple(cause for cause in of_poses if cause.code != "constant_orientation")
-        return self.of_rows + of_poses
+        return shield("the search for likely causes", self.search(), self.of_rows, self.say)
 
-    def _causes(self) -> tuple[Cause, ...]:
-        poses = self.track.poses()
-        known = np.trace(poses["covariance"], axis1=1, axis2=2)
-        good = known < 10.0 * np.median(known) if len(known) else np.empty(0, bool)
-        chosen = poses[good]
-        numbers = np.array(self.parameters["extrinsic"])
-        extrinsic = se3.from_position_quaternion(numbers[:3], numbers[3:])
-        gauge, offset = self.parameters["gauge"], float(self.parameters["estimate.time_offset"])
-        found = likely_causes(
-            chosen["stamp"],
-            chosen["ground_truth"],
-            chosen["estimate"],
-            gauge,
-            time_offset=offset,
-            extrinsic=extrinsic,
-        )
-        if self.model is None:
-            return found
-        return together(found, fitted_causes(self.model, gauge, offset, extrinsic))
+    def search(self) -> Callable[[], tuple[Cause, ...]]:
+        """What finds the causes, of what there is by now: it touches nothing of the run."""
+        of_rows, lacks_orientation = self.of_rows, self.lacks_orientation
+        if any(cause.code == "time_base" for cause in of_rows):
+            # Of poses that do not belong together nothing else can be said.
+            return lambda: of_rows
+        search = partial(_causes_of, self.track.poses(), dict(self.parameters), self.model)
+
+        def found() -> tuple[Cause, ...]:
+            of_poses = search()
+            if lacks_orientation:
+                # Who wrote none knows that it never changes.
+                of_poses = tuple(each for each in of_poses if each.code != "constant_orientation")
+            return of_rows + of_poses
+
+        return found
 
     def run(self, summary: Mapping[str, Any]) -> Run:
         """Return the run as it stands."""
@@ -178,3 +168,25 @@ def _plain_page(summary: Mapping[str, Any], defects: Sequence[str]) -> str:
         "<title>Trajectory evaluation</title></head><body><h1>Trajectory evaluation</h1>\n"
         f"{said}\n<pre>{figures}</pre></body></html>\n"
     )
+
+
+def _causes_of(
+    poses: Records, parameters: Mapping[str, Any], model: Mapping[str, Any] | None
+) -> tuple[Cause, ...]:
+    known = np.trace(poses["covariance"], axis1=1, axis2=2)
+    good = known < 10.0 * np.median(known) if len(known) else np.empty(0, bool)
+    chosen = poses[good]
+    numbers = np.array(parameters["extrinsic"])
+    extrinsic = se3.from_position_quaternion(numbers[:3], numbers[3:])
+    gauge, offset = parameters["gauge"], float(parameters["estimate.time_offset"])
+    found = likely_causes(
+        chosen["stamp"],
+        chosen["ground_truth"],
+        chosen["estimate"],
+        gauge,
+        time_offset=offset,
+        extrinsic=extrinsic,
+    )
+    if model is None:
+        return found
+    return together(found, fitted_causes(model, gauge, offset, extrinsic))

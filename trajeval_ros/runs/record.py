@@ -16,6 +16,7 @@ from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.results import Results
 from trajeval_ros.report import Report
+from trajeval_ros.report.track import Track
 from trajeval_ros.runs.beside import Work
 from trajeval_ros.runs.error_models import LiveErrorModels, put_into
 from trajeval_ros.runs.latest_path import LatestPath, on_positions
@@ -90,9 +91,13 @@ class Record:
         except OutputError as error:
             self.error = str(error)
 
-    def fit_due(self) -> Work | None:
-        """The fit of a block of the run, or of the window, if one has changed."""
-        due: Due | None = shield("the error model", self.models.due, None, self.report.say)
+    def fit_due(self, *, of_window: bool = True) -> Work | None:
+        """The fit of a block of the run, or of the window, if one has changed.
+
+        Not ``of_window``: that only as long as there is no block.
+        """
+        find = self.models.due if of_window or not self.models.has_run else self.models.block_due
+        due: Due | None = shield("the error model", find, None, self.report.say)
         return None if due is None else Work(due.fit, partial(self._take, self.models, due))
 
     def _take(self, models: LiveErrorModels, due: Due, fitted: Callable[[], Fitted]) -> None:
@@ -122,8 +127,22 @@ class Record:
 
     def look_for_causes(self, evaluated: int, *, again: bool = False) -> None:
         """Look at the run so far, if more has been ``evaluated`` since, or ``again``."""
-        if evaluated != self._examined or again:
-            self.causes, self._examined = self.report.causes(), evaluated
+        search = self.search_due(evaluated, again=again)
+        if search is not None:
+            search.at_once()
+
+    def search_due(self, evaluated: int, *, again: bool = False) -> Work | None:
+        """The search for likely causes, if more has been ``evaluated`` since, or ``again``."""
+        if evaluated == self._examined and not again:
+            return None
+        self._examined = evaluated
+        return Work(self.report.search(), partial(self._found, self.report.track))
+
+    def _found(self, track: Track, causes: Callable[[], tuple[Cause, ...]]) -> None:
+        # Of a run that has ended, nothing.
+        if track is self.report.track:
+            say, otherwise = self.report.say, self.report.of_rows
+            self.causes = shield("the search for likely causes", causes, otherwise, say)
 
     def completed(self, summary: Mapping[str, object]) -> dict[str, object]:
         """Return an engine's summary as ``summary.json`` has it."""

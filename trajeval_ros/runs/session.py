@@ -176,11 +176,7 @@ class Session:
 
     def newest_stamps(self) -> list[int]:
         """The newest stamps let in (ns), one a topic, on the ground truth's clock."""
-        newest = [self.engine.health(self.names[0]).ground_truth.latest_stamp]
-        for name, settings in self.engine.settings.estimates.items():
-            stamp = self.engine.health(name).estimate.latest_stamp
-            newest.append(None if stamp is None else stamp + settings.time_offset)
-        return [stamp for stamp in newest if stamp is not None]
+        return self.engine.newest_stamps()
 
     def health(self, name: str | None = None) -> Health:
         """The engine's health, with the messages in it that could not be read."""
@@ -218,10 +214,23 @@ class Session:
         for name, record in self._records.items():
             record.look_for_causes(self.engine.health(name).estimate.used, again=again)
 
-    def fit_due(self) -> Work | None:
-        """The fit of a block of a run, or of a window, if one has changed."""
+    def search_due(self) -> Work | None:
+        """The search for likely causes in each run that has gone on since."""
+        searches = (
+            record.search_due(self.engine.health(name).estimate.used)
+            for name, record in self._records.items()
+        )
+        return Work.together([search for search in searches if search is not None])
+
+    def fit_due(self, *, of_window: bool = True) -> Work | None:
+        """The fit of a block of a run, or of a window, if one has changed.
+
+        Not ``of_window``: of that as long as there is no block.
+        """
         for name in self.names[self._next_fit :] + self.names[: self._next_fit]:
-            work = None if self.is_position_only(name) else self._records[name].fit_due()
+            if self.is_position_only(name):
+                continue
+            work = self._records[name].fit_due(of_window=of_window)
             if work is not None:
                 # The others come first the next time.
                 self._next_fit = (self.names.index(name) + 1) % len(self.names)
