@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -79,21 +79,16 @@ def _fit(problem: _Problem) -> ErrorModel | None:
             return None
     nuisances, drift = problem.improved(nuisances, Kind.DRIFT, None, coarse=True)
     candidates = problem.candidates(nuisances, drift)
-    best = max(candidates, key=lambda kind: _score(candidates[kind][1]))
-    nuisances, guess = problem.improved(nuisances, best, candidates[best][0], coarse=False)
+    best = max(candidates, key=lambda kind: candidates[kind].score)
+    nuisances, guess = problem.improved(nuisances, best, candidates[best].guess, coarse=False)
     if not problem.enough(nuisances, near=False):
         problem.stay_near()
     nuisances, here = problem.maximum(nuisances, guess)
     if _has_run_away(here):
         return None
     # The others are behind by as much as they were where all three were found.
-    reached = here.at_theta - penalty(here)
-    among = {
-        kind: (each.at_theta - penalty(each)) / each.count for kind, (_, each) in candidates.items()
-    }
-    alternatives = {
-        kind: reached / here.count + value - among[best] for kind, value in among.items()
-    }
+    ahead = _nats_per_pose(here) - candidates[best].nats_per_pose
+    alternatives = {kind: each.nats_per_pose + ahead for kind, each in candidates.items()}
     return described(problem.kept(nuisances), nuisances, here, alternatives)
 
 
@@ -103,14 +98,28 @@ def _has_run_away(found: Likelihood) -> bool:
     return bool((found.parameters[:, sizes] >= np.log(LARGEST_STD) - 1e-3).any())
 
 
-def _score(found: Likelihood) -> float:
-    """What is maximal, less what more parameters gain by chance."""
-    return penalised(found) - _PENALTY * found.parameters.size
+def _nats_per_pose(found: Likelihood) -> float:
+    return (found.at_theta - penalty(found)) / found.count
 
 
-def _at(guess: Guess, data: Data, gauge: Array) -> Likelihood:
-    weighted = replace(data, measured=guess.measured, moved=guess.moved)
-    return Likelihood(guess.kind, guess.parameters, weighted, gauge)
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A process near its maximum, and how good it is there.
+
+    ``score``: what is maximal, less what more parameters gain by chance.
+    """
+
+    guess: Guess
+    score: float
+    nats_per_pose: float
+
+    @staticmethod
+    def of(guess: Guess, data: Data, gauge: Array) -> _Candidate:
+        """Its likelihood, of a hundred arrays as long as the run, is not kept."""
+        weighted = replace(data, measured=guess.measured, moved=guess.moved)
+        found = Likelihood(guess.kind, guess.parameters, weighted, gauge)
+        score = penalised(found) - _PENALTY * found.parameters.size
+        return _Candidate(guess, score, _nats_per_pose(found))
 
 
 class _Problem:
@@ -184,9 +193,7 @@ class _Problem:
             found = search(kind, data, gauge, gain, replace(found, theta=found.theta - step))
         return nuisances, found
 
-    def candidates(
-        self, nuisances: Nuisances, drift: Guess
-    ) -> dict[Kind, tuple[Guess, Likelihood]]:
+    def candidates(self, nuisances: Nuisances, drift: Guess) -> dict[Kind, _Candidate]:
         """Each process near its maximum; the ones that have none are left out."""
         data, gauge = self._prepared(nuisances, near=True)
         many = len(drift.measured) < len(data.times)
@@ -203,7 +210,7 @@ class _Problem:
                         if kind is Kind.VELOCITY:
                             guess.parameters[:, :2] = whole.parameters
                         guess = search(kind, data, gauge, _COARSE, guess)
-                found[kind] = guess, _at(guess, data, gauge)
+                found[kind] = _Candidate.of(guess, data, gauge)
             except np.linalg.LinAlgError:
                 continue
         if not found:
