@@ -105,3 +105,22 @@ def test_an_estimate_as_sparse_as_the_ground_truth_is_not_interpolated() -> None
     instants.add_estimate(stamps_of(at + 0.4), handheld(at + 0.4))
     assert instants.figures is None
     assert instants.count == 0
+
+
+def test_samples_that_no_pose_asks_for_wait_in_bounded_memory() -> None:
+    """However they come, the newest are kept, and are as good as if all had been."""
+    stamps = stamps_of(np.arange(90_000.0))
+    poses = np.broadcast_to(np.eye(4), (len(stamps), 4, 4))
+    figures = []
+    for size in (1_000, 45_000):
+        instants = Instants("se3", 1.0, "s")
+        for begin in range(0, len(stamps), size):
+            instants.add_ground_truth(stamps[begin : begin + size], poses[begin : begin + size])
+            assert instants._waiting <= 40_000 + size
+        at = stamps_of(np.arange(89_900.0, 89_990.0, 0.25) + 0.1)
+        instants.add_estimate(at, np.broadcast_to(np.eye(4), (len(at), 4, 4)))
+        assert instants.figures is not None
+        figures.append((instants.count, instants.figures.figures().pairs))
+        assert sum(len(each) for each, _ in instants._samples) < 20
+    assert figures[0] == figures[1]
+    assert figures[0][0] == 89

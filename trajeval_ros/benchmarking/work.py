@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import json
 import platform
 import time
@@ -19,6 +17,7 @@ import scipy
 from trajeval_ros import __version__
 from trajeval_ros.benchmarking.errors import Errors, errors_of
 from trajeval_ros.benchmarking.manifest import Source
+from trajeval_ros.benchmarking.memory import kept_memory
 from trajeval_ros.benchmarking.plan import Planned, Task
 from trajeval_ros.files import sources
 from trajeval_ros.files.recognise import recognise
@@ -42,6 +41,7 @@ class Outcome:
     errors: Errors | None = None
 
 
+@kept_memory()
 def outcomes_of(task: Task) -> list[Outcome]:
     """Evaluate the runs of a task. What is wrong with one of them is its row's ``error``."""
     start = time.perf_counter()
@@ -58,7 +58,6 @@ def outcomes_of(task: Task) -> list[Outcome]:
             outcomes[one.key] = Outcome(failed(one, _said(error)))
     reading = (time.perf_counter() - start) / len(task.runs)
     outcomes |= _scored(task, truth, estimates, reading)
-    _give_back()
     return [outcomes[one.key] for one in task.runs]
 
 
@@ -86,12 +85,6 @@ def _scored(
         )
         for (one, estimate), each in zip(estimates.items(), scored, strict=True)
     }
-
-
-def _give_back() -> None:
-    """Give what is free to the system: with glibc it lies scattered, 10 kB more with each run."""
-    with contextlib.suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _alignment(summary: Mapping[str, Any]) -> object:

@@ -10,8 +10,6 @@ ground truth is not.
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import numpy.typing as npt
 
@@ -28,7 +26,7 @@ _DENSER = 0.5
 # Of the time that is evaluated, the part in which the ground truth has to be that sparse; and the
 # fewest instants for a figure.
 _MOST, _FEWEST = 0.5, 4
-# Samples that wait for estimates. What is sparse never comes near.
+# Samples that wait for estimates, up to twice as many. What is sparse never comes near.
 _CAPACITY = 20_000
 
 
@@ -41,7 +39,8 @@ class Instants:
         self._of: tuple[Gauge, float, StepUnit] = gauge, delta, unit
         self._conventional: RunningConventional | None = None
         self.count = 0
-        self._samples: deque[tuple[int, Array]] = deque(maxlen=_CAPACITY)
+        self._samples: list[tuple[Stamps, Array]] = []
+        self._waiting = 0
         self._sample_before: int | None = None
         self._last: tuple[int, Array] | None = None
         self._sparse = 0
@@ -59,7 +58,23 @@ class Instants:
 
     def add_ground_truth(self, stamps: Stamps, poses: Array) -> None:
         """Take samples (N,), ns, increasing, (N, 4, 4), that no pose before needs."""
-        self._samples.extend(zip(stamps.tolist(), poses, strict=True))
+        self._samples.append((stamps, poses))
+        self._waiting += len(stamps)
+        if self._waiting > 2 * _CAPACITY:
+            self._keep(slice(-_CAPACITY, None))
+
+    def _keep(self, rows: slice) -> None:
+        """Let some of the samples wait, as arrays of their own."""
+        stamps, poses = self._joined()
+        self._samples = [(stamps[rows].copy(), poses[rows].copy())]
+        self._waiting = len(self._samples[0][0])
+
+    def _joined(self) -> tuple[Stamps, Array]:
+        if len(self._samples) != 1:
+            stamps = np.concatenate([np.empty(0, np.int64), *(each for each, _ in self._samples)])
+            poses = np.concatenate([np.empty((0, 4, 4)), *(each for _, each in self._samples)])
+            self._samples = [(stamps, poses)]
+        return self._samples[0]
 
     def add_estimate(self, stamps: Stamps, poses: Array) -> None:
         """Take evaluated poses (M,), ns on the ground truth's clock, increasing, (M, 4, 4)."""
@@ -90,16 +105,16 @@ class Instants:
 
     def _taken(self, first: int, last: int) -> tuple[Stamps, Array, Stamps]:
         """The samples after ``first`` up to ``last``, and how far each is from the one before."""
-        stamps, poses, gaps = [], [], []
-        while self._samples and self._samples[0][0] <= last:
-            stamp, pose = self._samples.popleft()
-            if stamp > first and self._sample_before is not None:
-                stamps.append(stamp)
-                poses.append(pose)
-                gaps.append(stamp - self._sample_before)
-            self._sample_before = stamp
-        return (
-            np.array(stamps, dtype=np.int64),
-            np.array(poses).reshape(-1, 4, 4),
-            np.array(gaps, dtype=np.int64),
-        )
+        stamps, poses = self._joined()
+        count = int(np.searchsorted(stamps, last, side="right"))
+        before = [] if self._sample_before is None else [self._sample_before]
+        ends = np.concatenate([np.array(before, np.int64), stamps[:count]])
+        if count:
+            self._sample_before = int(stamps[count - 1])
+        gaps = np.diff(ends)
+        # The first of all has none before it.
+        taken = slice(count - len(gaps), count)
+        later = stamps[taken] > first
+        found = stamps[taken][later], poses[taken][later], gaps[later]
+        self._keep(slice(count, None))
+        return found

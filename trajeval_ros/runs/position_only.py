@@ -9,6 +9,7 @@ of positions, with the lever arm of the antenna as a nuisance.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -43,20 +44,20 @@ def is_position_only(truth: Trajectory, estimate: Trajectory) -> bool:
     """Whether one of the two has no orientation: none is written, or one that never changes."""
     if not (truth.has_orientation and estimate.has_orientation):
         return True
-    turned = {id(one): _turned(one.quaternions) for one in (truth, estimate)}
-    return turned[id(truth)] <= _CONSTANT and turned[id(estimate)] >= _TURNS
+    return _turned(truth.quaternions) <= _CONSTANT and _turned(estimate.quaternions) >= _TURNS
 
 
 def _turned(quaternions: npt.NDArray[np.float64]) -> float:
     """How far orientations (N, 4) are from the first, at most, rad."""
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(quaternions, axis=1)
-    known = quaternions[np.isfinite(norms) & (np.abs(norms - 1.0) < 1e-2)]
+    good = np.isfinite(norms) & (np.abs(norms - 1.0) < 1e-2)
+    known = quaternions[good] / norms[good, None]
     if len(known) == 0:
         return 0.0
-    rotations = se3.from_position_quaternion(np.zeros((len(known), 3)), known)[:, :3, :3]
-    turns = se3.log_so3(rotations[0].T @ rotations)
-    return float(np.linalg.norm(turns, axis=1).max())
+    # The chord, unlike the product, has its digits where two are the same; q and -q are one.
+    chords = [np.linalg.norm(known + sign * known[0], axis=1) for sign in (-1.0, 1.0)]
+    return 4.0 * math.asin(min(0.5 * float(np.minimum(*chords).max()), 1.0))
 
 
 def without_orientation(summary: Figures) -> Figures:
