@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from trajeval_ros.online.accounting import Reason
@@ -14,20 +14,42 @@ DOCS = Path(__file__).parent
 BEGIN, END = "<!-- begin table -->", "<!-- end table -->"
 
 
+# What there is for both stands in one row, described as the first of them.
+_TWINS = (("estimate.", "ground_truth."), ("gp.translation.", "gp.rotation."))
+
+
 def parameters() -> str:
     """Return the table of parameters."""
-    lines = ["| name | default | unit | values | at run time | |", "|---|---|---|---|---|---|"]
+    lines = ["| name | default | unit | values | |", "|---|---|---|---|---|"]
+    written: set[str] = set()
     for parameter in PARAMETERS.values():
+        if parameter.name in written:
+            continue
+        both = [parameter, *_twin(parameter)]
+        written |= {one.name for one in both}
         cells = (
-            f"`{parameter.name}`",
-            f"`{_written(parameter.default)}`",
-            parameter.unit,
-            _allowed(parameter),
-            "may change" if parameter.dynamic else "",
-            parameter.description,
+            _each(f"`{one.name}`" for one in both),
+            _each(f"`{_written(one.default)}`" for one in both),
+            _each(one.unit for one in both),
+            _each(_allowed(one) for one in both),
+            parameter.description + ("; may change at run time" if parameter.dynamic else ""),
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def _each(texts: Iterable[str]) -> str:
+    """Different ones, each once."""
+    return ", ".join(dict.fromkeys(texts))
+
+
+def _twin(parameter: Parameter) -> list[Parameter]:
+    names = [
+        parameter.name.replace(one, other, 1)
+        for one, other in _TWINS
+        if parameter.name.startswith(one)
+    ]
+    return [PARAMETERS[name] for name in names if name in PARAMETERS]
 
 
 def reasons() -> str:
