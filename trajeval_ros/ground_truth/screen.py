@@ -8,9 +8,9 @@ it while the body moves. It is then held back, with those after it, until a few 
 - they go on from where the samples before it led: it was an outlier, and costs itself alone;
 - they stay with it, turned on the spot as no body can: another body was taken for it, and what
   follows is turned back;
-- they stay with it, and no body could have moved so fast: the origin has jumped. There the samples
-  are cut, and after a large jump what follows is moved back to where the motion, from both sides,
-  goes on;
+- they stay with it, and no body could have moved so fast, or this one never did (``jumps``): the
+  origin has jumped. There the samples are cut, and after a large jump what follows is moved back to
+  where the motion, from both sides, goes on;
 - otherwise it was motion.
 
 What is decided is a function of the samples alone, however they were cut into batches.
@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth import jumps
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.segment import Samples
 
@@ -68,6 +69,11 @@ _DIRECTED = 3.0
 _DIRECTED_STEPS = 8
 _LONGEST_FREEZE = 4_000_000_000
 _LEFT = 4.0
+# Where samples are rare one is suspicious that is so many times further off the parabola through
+# those before it than any of so many before.
+_TIMES_OFF, _OFF = 2.0, 8
+# So many samples are looked at in one go: those after a suspicious one are looked at again.
+_AT_ONCE = 256
 # Stamps of arrival: an interval so much shorter than usual after one so much longer.
 _BURST, _LATE = 0.2, 1.8
 
@@ -106,6 +112,8 @@ class Screen:
         self._accuracy = np.array(accuracy)
         self._faults = faults
         self._before: Samples | None = None  # the last few that were let through
+        self._memory = jumps.Memory()
+        self._jump: jumps.Jump | None = None
         self._held: Samples | None = None
         self._turn = np.eye(4)
         self._back = np.eye(4)
@@ -145,7 +153,7 @@ class Screen:
         rejected: dict[str, int] = {}
         cuts: list[int] = []
         while len(pending):
-            count, repeats = self._unsuspicious(pending)
+            count, repeats = self._unsuspicious(pending[:_AT_ONCE])
             if count:
                 passed.append(self._through(pending[:count], cuts))
                 pending = pending[count:]
@@ -162,7 +170,8 @@ class Screen:
                 pending = self._turned_back(pending)
             elif code == "moved":
                 self._cut = True
-                pending = self._moved_back(pending, turned=bool(number))
+                back = self._way_back(pending, turned=bool(number))
+                pending = self._moved_back(pending, back)
                 passed.append(self._through(pending[:1], cuts))
                 pending = pending[1:]
             else:
@@ -190,6 +199,7 @@ class Screen:
         if self._before is not None:
             self._count_bursts(known, len(samples))
         self._before = known[max(len(known) - _USUAL_STEPS - 1, 0) :]
+        self._memory.add(samples)
         self._faults.passed += len(samples)
         poses = known.poses[-2:]
         self._resting = len(poses) == 2 and self._resting and np.array_equal(poses[0], poses[1])
@@ -224,6 +234,7 @@ class Screen:
         limit = np.maximum(_TIMES_USUAL * usual, _TIMES_LAST * last)
         limit = np.maximum(limit, _TIMES_ACCURACY * self._accuracy)
         large = (sizes > limit).any(axis=1) | self._sudden(before + pending, steps.intervals)
+        large |= self._unlike(before + pending, sizes[:, 0])
         enough = np.arange(known, known + new) >= _FEWEST_STEPS
         large &= enough
         repeats = (sizes == 0.0).all(axis=1) & enough
@@ -261,6 +272,31 @@ class Screen:
         limit = np.maximum(_TIMES_USUAL * usual[:, 0], _TIMES_LAST * last[:, 0])
         return np.asarray(change[-new:] > np.maximum(limit, least))
 
+    def _unlike(self, samples: Samples, moved: Array) -> Mask:
+        """Which of the samples that are new are to be compared with all that is remembered.
+
+        After a gap, and where they leave the parabola through the last three as none before.
+        """
+        assert self._before is not None
+        old = len(self._before)
+        intervals = np.diff(samples.stamps)
+        here = intervals[old - 1 :]
+        found = (
+            (here >= jumps.LEAST) & (here <= jumps.LONGEST) & (moved > _JUMP * self._accuracy[0])
+        )
+        if old < _OFF + 3:
+            found[: _OFF + 3 - old] = False
+        if not found.any():
+            return np.asarray(found)
+        last = np.concatenate([here[:1], intervals])[old - 1 : -1]
+        first = max(old - _OFF - 3, 0)
+        times = (samples.stamps[first:] - samples.stamps[first]) * 1e-9
+        off = jumps.errors(times, samples.poses[first:, :3, 3])
+        off = np.concatenate([np.full(max(_OFF + 3 - old, 0), np.inf), off])
+        largest = np.lib.stride_tricks.sliding_window_view(off[:-1], _OFF).max(axis=1)
+        unlike = off[_OFF:] > np.maximum(_TIMES_OFF * largest, _JUMP * self._accuracy[0])
+        return np.asarray(found & (unlike | (here > 0.5 * jumps.GAP * last)))
+
     def _motion(self) -> tuple[Array, Array, float]:
         """The usual step (2,), the twist of the last samples (6,), the usual interval (s)."""
         assert self._before is not None
@@ -287,6 +323,24 @@ class Screen:
 
     def _judge_step(self, pending: Samples, final: bool) -> tuple[str, int] | None:
         """Why so many of the next samples are left out, "" for none; None: not known yet."""
+        assert self._before is not None
+        verdict = self._judge_by_physics(pending, final)
+        gap = jumps.interval(self._before, pending)
+        if (
+            verdict is None
+            or verdict[0] not in ("", "moved")
+            or not jumps.LEAST <= gap <= jumps.LONGEST
+        ):
+            return verdict
+        # What the body did before knows of smaller ones, and how large they are.
+        if not jumps.is_enough(self._before, pending):
+            return verdict if final else None
+        certain = verdict[0] == "moved"
+        self._jump = self._memory.jump(self._before, pending, self._accuracy, certain)
+        return verdict if self._jump is None else ("moved", 1)
+
+    def _judge_by_physics(self, pending: Samples, final: bool) -> tuple[str, int] | None:
+        """The same by what no body does."""
         assert self._before is not None
         usual, _, interval = self._motion()
         ahead = _ahead(interval)
@@ -356,13 +410,15 @@ class Screen:
             [np.linalg.norm(each, axis=1) for each in (moved, np.diff(turned, axis=0))], axis=1
         )
 
-    def _moved_back(self, pending: Samples, turned: bool) -> Samples:
-        """Move the samples to where the motion goes on, those to come as well, if it is far.
+    def _way_back(self, pending: Samples, turned: bool) -> Array:
+        """From where the samples are to where the motion goes on; (4, 4), in the world.
 
         If they are not ``turned``, the position alone: what is off the orientation by noise would
         be off the position by metres further on.
         """
         assert self._before is not None
+        if self._jump is not None:
+            return self._jump.back(pending.poses[0])
         stamp, interval = int(pending.stamps[0]), self._motion()[2]
         # What is known of the samples after it, in whatever batches they came.
         known = pending[: min(_SIDE, _ahead(interval) + 1)]
@@ -385,11 +441,17 @@ class Screen:
         if turned:
             more[:3, :3] = se3.exp_so3(-step[3:])
         more[:3, 3] = there[:3, 3] - step[:3] - more[:3, :3] @ there[:3, 3]
-        back = more @ back
+        return np.asarray(more @ back)
+
+    def _moved_back(self, pending: Samples, back: Array) -> Samples:
+        """Move the samples by ``back``, those to come as well, if it is far."""
+        here, stamp = pending.poses[0], int(pending.stamps[0])
         moved = np.linalg.norm(here[:3, 3] - (back @ here)[:3, 3])
         angle = np.linalg.norm(se3.log_so3(back[:3, :3]))
         self._faults.jumped(stamp, float(moved), float(angle))
+        self._jump = None
         if moved < _LEAST_JUMP and angle < _LEAST_TURN:
+            self._memory.forget()
             return pending
         self._back = back @ self._back
         return replace(pending, poses=back @ pending.poses)
