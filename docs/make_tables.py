@@ -1,13 +1,12 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the tables of the documentation that the code holds: parameters, reasons of rejection."""
+"""Writes the table of parameters, which the code holds, into the documentation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS, Parameter, Value
 
 DOCS = Path(__file__).parent
@@ -52,13 +51,7 @@ def _twin(parameter: Parameter) -> list[Parameter]:
     return [PARAMETERS[name] for name in names if name in PARAMETERS]
 
 
-def reasons() -> str:
-    """Return the table of the reasons for which poses are rejected."""
-    rows = [f"| `{reason}` | {reason.explanation} |" for reason in Reason]
-    return "\n".join(["| reason | means |", "|---|---|", *rows])
-
-
-TABLES: dict[str, Callable[[], str]] = {"parameters.md": parameters, "files.md": reasons}
+TABLES: dict[str, Callable[[], str]] = {"parameters.md": parameters}
 
 
 def page(text: str, table: str) -> str:

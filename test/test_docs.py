@@ -66,7 +66,7 @@ def make_tables() -> ModuleType:
 # Tables
 
 
-@pytest.mark.parametrize("name", ["parameters.md", "files.md"])
+@pytest.mark.parametrize("name", ["parameters.md"])
 def test_tables_are_those_of_the_code(name: str) -> None:
     tables = make_tables()
     text = text_of(ROOT / "docs" / name)
