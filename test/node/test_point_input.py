@@ -12,9 +12,11 @@ from typing import Any
 import data
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseStamped, Vector3Stamped
-from harness import Graph, accounted
+from harness import Graph, accounted, values_of
 from sensor_msgs.msg import NavSatFix, NavSatStatus
+from std_msgs.msg import Float64
 
 import trajeval_ros as te
 from trajeval_ros import se3
@@ -22,7 +24,7 @@ from trajeval_ros.online.samples import PoseSamples
 
 pytestmark = pytest.mark.ros
 FIXED = {"gp__hyperparameters": "fixed"}
-TRUTH, ESTIMATE = data.run(6.0)
+TRUTH, ESTIMATE = data.run(8.0)
 
 
 def points(samples: PoseSamples) -> list[PointStamped]:
@@ -66,6 +68,9 @@ def test_positions_are_evaluated_and_orientations_are_absent(
     graph.start_evaluator(**FIXED, output__directory=str(tmp_path / "out"))
     truth, estimate = graph.publisher("ground_truth", kind), graph.publisher("estimate")
     errors = graph.listen(Vector3Stamped, "/evaluator/relative/rotation_error")
+    steps = graph.listen(Vector3Stamped, "/evaluator/relative/translation_error")
+    metrics = graph.listen(DiagnosticArray, "/evaluator/metrics")
+    likelihoods = graph.listen(Float64, "/evaluator/relative/log_likelihood")
     graph.until_heard(truth, estimate)
     data.publish_in_order(
         (truth, estimate), (sent, data.messages(PoseStamped, ESTIMATE)), 1000.0, (0.0, 0.0)
@@ -79,23 +84,39 @@ def test_positions_are_evaluated_and_orientations_are_absent(
     assert summary["position_only"] is True
     for name in ("ate_rotation_rmse", "re_translation_rmse", "re_rotation_rmse"):
         assert summary["conventional"][name] is None
-    assert summary["relative"]["log_likelihood"] is None
-    assert summary["window"]["absolute"]["log_likelihood"] is None
-    assert "error_model" not in summary
+    told = of_files()
+    assert summary["absolute"]["consistency"] < 1e-9
+    if kind is PointStamped:
+        for part in ("relative", "absolute"):
+            for key in ("log_likelihood", "chi2", "translation_rmse"):
+                assert summary[part][key] == pytest.approx(told[part][key], rel=1e-9)
+                of_window = summary["window"][part].get(key)
+                assert of_window == pytest.approx(told["window"][part].get(key), rel=1e-9)
+            assert summary[part]["rotation_rmse"] is None
+        assert summary["lever_arm"]["value"] == pytest.approx(told["lever_arm"]["value"], abs=1e-9)
+    assert summary["error_model"]["model"] in ("drift", "wander")
+    assert "rotation" not in summary["error_model"]
+    assert float(likelihoods[-1].data) == pytest.approx(
+        summary["relative"]["log_likelihood"], rel=1e-6
+    )
+    assert len(steps) > 0.8 * summary["estimate"]["evaluated"]
+    (absolute,) = (values_of(each) for each in metrics[-1].status if each.name == "absolute")
+    assert float(absolute["lever_arm_x"]) == pytest.approx(summary["lever_arm"]["value"][0])
+    assert "rotation_rmse" not in absolute
     assert all(cause["code"] != "constant_orientation" for cause in summary["likely_causes"])
     assert not errors
     if kind is PointStamped:
         found = summary["conventional"]["ate_translation_rmse"]
-        assert found == pytest.approx(of_files(), rel=1e-9)
+        assert found == pytest.approx(told["conventional"]["ate_translation_rmse"], rel=1e-9)
     else:
         # The ellipsoid's metres are those that were put in, about the first fix.
         assert summary["ground_truth"]["rejected"] == {"non_finite": 1}
         found = summary["conventional"]["ate_translation_rmse"]
-        assert found == pytest.approx(of_files(), rel=1e-2)
+        assert found == pytest.approx(told["conventional"]["ate_translation_rmse"], rel=1e-2)
 
 
-def of_files() -> float:
-    """ATE of the same positions without a node."""
+def of_files() -> dict[str, Any]:
+    """The summary of the same positions without a node."""
     identity = np.tile([0.0, 0.0, 0.0, 1.0], (len(TRUTH), 1))
     poses = [
         se3.from_position_quaternion(TRUTH.positions, identity),
@@ -105,5 +126,4 @@ def of_files() -> float:
         te.Trajectory(stamps, each)
         for stamps, each in zip((TRUTH.stamps, ESTIMATE.stamps), poses, strict=True)
     )
-    summary = te.evaluate(truth, estimate, gp_hyperparameters="fixed").summary
-    return float(summary["conventional"]["ate_translation_rmse"])
+    return te.evaluate(truth, estimate, gp_hyperparameters="fixed").summary

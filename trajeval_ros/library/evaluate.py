@@ -20,6 +20,7 @@ from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.report import Report
 from trajeval_ros.runs.kept import WholeRun
 from trajeval_ros.runs.offline import completed, why_none
+from trajeval_ros.runs.position_only import note_orientations
 from trajeval_ros.runs.several import looked_at_together
 
 # Points of the report's running figures.
@@ -109,6 +110,7 @@ def _evaluate(
         )
         for name, one in estimates.items()
     }
+    note_orientations(engine, truth.data, {name: one.data for name, one in estimates.items()})
     kept = {name: WholeRun() for name in names}
     samples = {name: one.samples for name, one in estimates.items()}
     for found in feed_evenly(engine, truth.samples, samples, _PIECES):

@@ -24,7 +24,13 @@ def summary_lines(
     lost = covered.losses(coverage)
     lines.append(f"coverage: {covered.of_the_run(coverage)}{'; ' + lost if lost else ''}")
     conventional = figures["conventional"]
-    for name, title in (("ate", "ATE"), ("re", "RE")):
+    position_only = figures.get("position_only")
+    if position_only:
+        lines.append(
+            f"ATE, RMSE: {_short(conventional.get('ate_translation_rmse'))} m;"
+            " positions alone: what needs orientations is left out"
+        )
+    for name, title in () if position_only else (("ate", "ATE"), ("re", "RE")):
         step = f" over {conventional['re_delta']:g} {conventional['re_unit']}"
         lines.append(
             f"{title}, RMSE{step if name == 're' else ''}:"
@@ -37,6 +43,10 @@ def summary_lines(
             f"{name} log-likelihood: {_short(figures[name].get('log_likelihood'))} nats,"
             f" chi2/dof {_short(figures[name].get('chi2_per_dof'))}"
         )
+    arm = figures.get("lever_arm")
+    if arm is not None:
+        value, std = (", ".join(f"{each:.3g}" for each in arm[key]) for key in ("value", "std"))
+        lines.append(f"lever arm: {value} m, ± {std}")
     return lines
 
 

@@ -73,7 +73,9 @@ class Engine:
         What the ground truth has forgotten of its past for this estimate stays forgotten.
         """
         name = self.only(name)
-        self._tracks[name] = self._new_track(name, self._tracks[name].begin)
+        before = self._tracks[name]
+        self._tracks[name] = self._new_track(name, before.begin)
+        self._tracks[name].lacks_orientation = before.lacks_orientation
 
     def _new_track(self, name: str, begin: int | None = None) -> Track:
         settings = self._settings
@@ -110,6 +112,24 @@ class Engine:
         self._settings = settings_of(self._values, self._names)
         for track in self._tracks.values():
             track.change(self._settings.evaluation, self._settings.timing)
+
+    def note_without_orientation(self, name: str | None) -> None:
+        """The quaternions of an estimate, or where None of the ground truth, are none.
+
+        Before the first pose: positions that have been scored with an orientation are left out.
+        """
+        if name is None:
+            self._reference.lacks_orientation = True
+        else:
+            self._track(name).lacks_orientation = True
+
+    def lacks_orientation(self, name: str | None = None) -> bool:
+        """Whether one of an estimate and the ground truth is known to have none."""
+        return self._reference.lacks_orientation or self._track(name).lacks_orientation
+
+    def is_position_only(self, name: str | None = None) -> bool:
+        """Whether an estimate is scored by positions alone: the one or the other has no more."""
+        return self._track(name).is_position_only
 
     def add_ground_truth(self, samples: PoseSamples) -> None:
         """Take ground-truth samples, in the order of their arrival."""

@@ -15,7 +15,9 @@ from trajeval_ros.likelihood.first_order import FirstOrderAbsolute
 from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
 from trajeval_ros.likelihood.joint import FactorRows, JointFactor
 from trajeval_ros.likelihood.relative import RunningRelative
+from trajeval_ros.likelihood.running_positions import PositionError, RunningPositions
 from trajeval_ros.online.instants import Instants
+from trajeval_ros.online.positions import evaluations_on_positions, world_covariance
 from trajeval_ros.online.residuals import MeanSquares, ResidualMoments
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
@@ -48,6 +50,8 @@ class Evaluation:
         self.instants = Instants(self.gauge.name, settings.relative_delta, settings.relative_unit)
         self._steps = MeanSquares()
         self._residuals = ResidualMoments()
+        self._positions: RunningPositions | None = RunningPositions(self.gauge)
+        self._newest: tuple[Array, Array] | None = None
         self.count = 0
 
     @property
@@ -86,6 +90,8 @@ class Evaluation:
         )
         self._steps.update(steps.error)
         self._residuals.update(ground_truth, estimate)
+        if self._positions is not None:
+            self._positions.update(ground_truth[:, :3, 3], world_covariance(poses), estimate)
         self.count += len(stamps)
         log_likelihood = _padded(steps.log_likelihood, first, 0.0)
         alignment = self._alignment
@@ -104,6 +110,27 @@ class Evaluation:
             sampled,
             np.full((len(stamps), 6), np.nan) if poses.twist is None else poses.twist,
         )
+
+    def drop_positions(self) -> None:
+        """There are orientations: positions alone are not looked at any more."""
+        self._positions = None
+
+    @property
+    def positions(self) -> PositionError | None:
+        """The errors of positions alone; None of fewer than two, and where they are dropped."""
+        return None if self._positions is None else self._positions.error()
+
+    @property
+    def newest_positions(self) -> PositionError | None:
+        """The same for a fraction of the time, for what is told with each pose."""
+        return None if self._positions is None else self._positions.newest()
+
+    def on_positions(self, evaluations: Evaluations) -> Evaluations:
+        """Evaluations, the newest ones, without what contains an orientation."""
+        before = self._newest
+        if len(evaluations):
+            self._newest = evaluations.ground_truth[-1, :3, 3], evaluations.estimate[-1]
+        return evaluations_on_positions(evaluations, before, self.newest_positions)
 
     @property
     def relative(self) -> GaussianLogLikelihood:

@@ -23,6 +23,7 @@ from trajeval_ros.online.intake import Accepted, Intake
 from trajeval_ros.online.results import Notice, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import GroundTruthSettings
+from trajeval_ros.online.turned import CONSTANT, Turned
 
 Stamps = npt.NDArray[np.int64]
 
@@ -46,6 +47,8 @@ class Reference:
         self.ground_truth = GroundTruth(process, self._faults, beside=beside)
         self.odometer = Odometer(process.translation_std)
         self.presence = Presence()
+        self.lacks_orientation = False
+        self._turned = Turned(CONSTANT)
         self._fresh: list[Samples] = []
 
     @property
@@ -58,6 +61,11 @@ class Reference:
     def newest(self) -> int | None:
         """Stamp (ns) of the newest sample let in."""
         return self._intake.last
+
+    @property
+    def never_turns(self) -> bool:
+        """Whether all samples have the same orientation."""
+        return self._turned.most <= CONSTANT
 
     @property
     def is_ready(self) -> bool:
@@ -107,6 +115,7 @@ class Reference:
         if len(screened.samples):
             self.ground_truth.append(screened.samples, screened.cuts)
             self._fresh.append(screened.samples)
+            self._turned.add(screened.samples.poses)
             self.presence.add(screened.samples.stamps)
             self.odometer.add(screened.samples.stamps, screened.samples.poses[:, :3, 3])
 

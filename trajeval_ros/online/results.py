@@ -98,6 +98,8 @@ class Results:
     absolute_log_likelihood: float | None
     alignment: Similarity | None
     cross: tuple[Array, ...] = ()
+    position_only: bool = False
+    """Whether there are no orientations: what contains one is not a number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,12 +22,15 @@ from trajeval_ros.online.coverage import Presence, coverage
 from trajeval_ros.online.doubts import CovarianceDoubts
 from trajeval_ros.online.evaluation import Evaluation
 from trajeval_ros.online.intake import Accepted, Intake
+from trajeval_ros.online.positions import notices_on_positions
 from trajeval_ros.online.question import Question
 from trajeval_ros.online.reference import LEARNED, Reference
 from trajeval_ros.online.results import NO_EVALUATIONS, Evaluations, Health, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import EstimateSettings, EvaluationSettings, Timing
 from trajeval_ros.online.summary import distributions, summarize, window_figures
+from trajeval_ros.online.summary_on_positions import on_positions, window_on_positions
+from trajeval_ros.online.turned import TURNS, Turned
 from trajeval_ros.online.window import EvaluatedPoses
 from trajeval_ros.online.withdrawn import Withdrawn
 
@@ -103,6 +106,8 @@ class Track:
         self._next_alignment = ENOUGH_TO_ALIGN
         self._begin = begin
         self._presence = Presence()
+        self.lacks_orientation = False
+        self._turned = Turned(TURNS)
 
     def change(self, evaluation: EvaluationSettings, timing: Timing) -> None:
         """Go on with another window and another wait."""
@@ -119,6 +124,16 @@ class Track:
         """Stamp (ns) of the newest pose let in, on the ground truth's clock."""
         own = self._estimates.last
         return None if own is None else own + self._settings.time_offset
+
+    @property
+    def is_position_only(self) -> bool:
+        """Whether one of the two has no orientation: none is given, or one that never changes.
+
+        That of a ground truth which has the same all along while the estimate turns is none.
+        """
+        if self.lacks_orientation or self._reference.lacks_orientation:
+            return True
+        return self._reference.never_turns and self._turned.most >= TURNS
 
     def add(self, samples: PoseSamples) -> None:
         """Take poses, in the order of their arrival."""
@@ -151,6 +166,8 @@ class Track:
         newest = self._newest_estimate
         self._newest_estimate = int(stamps[-1]) if newest is None else max(newest, int(stamps[-1]))
         self._presence.add(stamps)
+        if self._reference.never_turns:
+            self._turned.add(arrived.poses)
         self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
 
     def advance(self, now: int | None) -> Question:
@@ -182,6 +199,7 @@ class Track:
             # To first order the two errors add up: the two body frames differ by the error itself.
             covariance = covariance + chosen.covariances
         assert answer.twists is not None
+        self._drop_positions()
         poses = EvaluatedPoses(
             chosen.stamps,
             answer.poses,
@@ -217,6 +235,12 @@ class Track:
             self._chosen = chosen.where(self._judge(chosen.stamps))
         stamps = self._chosen.stamps
         return Question(stamps, self._until(stamps) if len(stamps) else stamps, self._joint)
+
+    def _drop_positions(self) -> None:
+        """Positions alone are looked at as long as it may turn out that there is nothing else."""
+        reference = self._reference
+        if not (self.lacks_orientation or reference.lacks_orientation or reference.never_turns):
+            self._evaluation.drop_positions()
 
     def _score(
         self, answered: EvaluatedPoses, offset: int, sampled: Mask
@@ -359,6 +383,18 @@ class Track:
         self._begin = before if self._begin is None else max(before, self._begin)
 
     def _results(self, evaluations: Evaluations, cross: tuple[Array, ...]) -> Results:
+        if self.is_position_only:
+            evaluations = self._evaluation.on_positions(evaluations)
+            found = self._evaluation.newest_positions
+            absolute = None if found is None else found.absolute
+            return Results(
+                evaluations,
+                self._news(),
+                None if absolute is None else absolute.log_likelihood,
+                self._evaluation.alignment if found is None else found.alignment,
+                cross,
+                position_only=True,
+            )
         return Results(
             evaluations,
             self._news(),
@@ -421,6 +457,10 @@ class Track:
 
     def _notices(self, undetermined: bool) -> tuple[Notice, ...]:
         """The notices; ``undetermined``: whether the conventional alignment's rotation is."""
+        found = self._all_notices(undetermined)
+        return notices_on_positions(found) if self.is_position_only else found
+
+    def _all_notices(self, undetermined: bool) -> tuple[Notice, ...]:
         found = list(self._reference.learned())
         consistency = self._evaluation.consistency
         if consistency is not None and consistency > _SELF_CHECK:
@@ -475,10 +515,17 @@ class Track:
             self._reference.health(),
             self._ground_truth.hyperparameters,
             self._ground_truth.segments,
-            self._evaluation.consistency,
+            self._consistency,
             self._reference.faults,
             self._ground_truth.fit,
         )
+
+    @property
+    def _consistency(self) -> float | None:
+        if not self.is_position_only:
+            return self._evaluation.consistency
+        found = self._evaluation.positions
+        return None if found is None else found.consistency
 
     def figures(self) -> dict[str, object]:
         """Return the summary without what takes milliseconds.
@@ -486,18 +533,32 @@ class Track:
         That is ``window`` and ``conventional.distributions``.
         """
         figures = summarize(self.health(), self._evaluation)
-        return {**figures, "coverage": coverage(self._reference.odometer.way(), self._presence)}
+        figures["coverage"] = coverage(self._reference.odometer.way(), self._presence)
+        return self._told(figures)
+
+    def _told(self, figures: dict[str, object]) -> dict[str, object]:
+        """The figures without what contains an orientation, where there is none."""
+        if not self.is_position_only:
+            return figures
+        return on_positions(figures, self._evaluation.positions)
 
     def summary(self) -> dict[str, object]:
         """Return the figures of the run so far, as ``summary.json`` has them."""
         figures, evaluation = self.figures(), self._evaluation
         conventional = figures["conventional"]
         assert isinstance(conventional, dict)
-        return {
+        told = {
             **figures,
             "conventional": {**conventional, "distributions": distributions(evaluation)},
-            "window": window_figures(evaluation.window(), evaluation.gauge),
         }
+        window = evaluation.window()
+        of_window = window_figures(window, evaluation.gauge)
+        if self.is_position_only:
+            return {
+                **self._told(told),
+                "window": window_on_positions(of_window, window, evaluation.gauge),
+            }
+        return {**told, "window": of_window}
 
 
 def _rate(interval: float) -> str:

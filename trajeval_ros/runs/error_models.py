@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.alignment.gauge import GAUGES
+from trajeval_ros.alignment.gauge import GAUGES, Gauge
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.model import ErrorModel
-from trajeval_ros.error_model.named import named, named_on_positions
+from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Truth
-from trajeval_ros.error_model.positions import fit_positions
 from trajeval_ros.error_model.recorded import Recorded
 from trajeval_ros.error_model.running import Due, Fitted, Poses, RunningErrorModel
 from trajeval_ros.online.engine import Engine
@@ -125,26 +124,9 @@ def error_models(engine: Engine, name: str, kept: WholeRun, *, whole: bool) -> d
     return found
 
 
-def error_model_on_positions(
-    engine: Engine, name: str, evaluations: Evaluations, *, whole: bool
-) -> Figures | None:
-    """Of a run's ``evaluations`` against ground truth without orientation; else as `error_models`.
-
-    None where it cannot be told. Orientations of the ground truth are not looked at.
-    """
-    offset = engine.settings.estimates[name].time_offset
-    if not evaluations.sampled.any():
-        return None
-    everything = poses_of(evaluations, offset)
-
-    def truth(asked: npt.NDArray[np.int64]) -> Truth:
-        return engine.truth(asked, name) if whole else everything.truth.at(asked)
-
-    # As of poses: whatever the figures are aligned by, a constant offset is no kind of error.
-    gauge = engine.settings.evaluation.gauge
-    gauge = gauge if gauge.has_scale else GAUGES["se3"]
-    model = fit_positions(everything.truth.stamps, everything.estimate, truth, gauge)
-    return None if model is None else {**named_on_positions(model), "fit": WHOLE}
+def gauge_of_model(gauge: Gauge) -> Gauge:
+    """That of an error model: whatever figures are aligned by, an offset is no kind of error."""
+    return gauge if gauge.has_scale else GAUGES["se3"]
 
 
 def put_into(summary: Figures, models: dict[str, Figures]) -> None:

@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
 from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.diagnosis.fitted import clock_causes, lever_arm_causes
 from trajeval_ros.diagnosis.lost import lost
 from trajeval_ros.diagnosis.swapped import Given, swapped
 from trajeval_ros.files.output import OutputError, OutputFolder
@@ -28,21 +26,19 @@ from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
+from trajeval_ros.online.positions import rows_of
 from trajeval_ros.online.results import Health, Notice, Results, TopicHealth
-from trajeval_ros.online.whole_run import grown, whole_run
+from trajeval_ros.online.summary_on_positions import drift_on_positions
+from trajeval_ros.online.whole_run import drift, grown, whole_run
 from trajeval_ros.report import Report
-from trajeval_ros.runs.error_models import error_model_on_positions, error_models, put_into
+from trajeval_ros.runs.error_models import error_models, put_into
 from trajeval_ros.runs.far_offset import far_offset
 from trajeval_ros.runs.headline import with_headline
 from trajeval_ros.runs.kept import WholeRun
 from trajeval_ros.runs.latest_path import on_positions, scored
 from trajeval_ros.runs.origin import origin
-from trajeval_ros.runs.position_only import (
-    is_position_only,
-    notices_on_positions,
-    with_positions,
-    without_orientation,
-)
+from trajeval_ros.runs.position_models import error_models_on_positions
+from trajeval_ros.runs.position_only import causes_on_positions, note_orientations
 from trajeval_ros.wall import shield
 
 Figures = dict[str, Any]
@@ -106,6 +102,7 @@ def score(
     """
     whole = len(truth) <= _MOST_SAMPLES and parameters["likelihood.covariance"] != "joint"
     engine = Engine(parameters, tuple(scorings), whole=whole)
+    note_orientations(engine, truth, {name: one.estimate for name, one in scorings.items()})
     kept = {name: WholeRun() for name in scorings}
     estimates = {name: scoring.estimate.samples for name, scoring in scorings.items()}
     done = 0
@@ -118,7 +115,7 @@ def score(
             if scoring.folder is not None:
                 # The folder says at the end what it has not got.
                 with contextlib.suppress(OutputError):
-                    scoring.folder.add(results.evaluations)
+                    scoring.folder.add(rows_of(results))
             if scoring.observe is not None:
                 scoring.observe(results, partial(engine.summary, name))
             done += len(results.evaluations)
@@ -208,37 +205,23 @@ def completed(
     if explain:
         _look(engine, name, truth, estimate, report, summary)
     poses, evaluation = kept.poses, engine.settings.evaluation
-    some = len(poses.stamps) > 0
-    if some:
-        summary = whole_run(summary, poses, evaluation)
-    position_only = is_position_only(truth, estimate)
-    report.lacks_orientation = not (truth.has_orientation and estimate.has_orientation)
-    if position_only:
-        bare = summary = without_orientation(summary)
-        if some:
-            summary = shield(
-                "the likelihood of positions",
-                lambda: with_positions(bare, poses, evaluation),
-                bare,
+    some, position_only = len(poses.stamps) > 0, engine.is_position_only(name)
+    report.lacks_orientation = engine.lacks_orientation(name)
+    if some and position_only:
+        summary["drift"] = drift_on_positions(drift(poses, evaluation))
+        of_positions: dict[str, Figures] = {}
+        if summary["absolute"].get("log_likelihood") is not None:
+            # Where the motion shows the alignment.
+            of_positions = shield(
+                "the error model",
+                lambda: error_models_on_positions(engine, name, kept.evaluations, whole=whole),
+                of_positions,
                 report.say,
             )
-            if summary.get("lever_arm") is not None:
-                own = engine.settings.estimates[name]
-                arm = lever_arm_causes(summary["lever_arm"], se3.inverse(own.from_body))
-                report.of_rows = (*report.of_rows, *arm)
-            if summary["absolute"].get("log_likelihood") is not None:
-                # Where the motion shows the alignment.
-                model = shield(
-                    "the error model",
-                    lambda: error_model_on_positions(engine, name, kept.evaluations, whole=whole),
-                    None,
-                    report.say,
-                )
-                if model is not None:
-                    summary["error_model"] = model
-                    report.of_rows = (*report.of_rows, *clock_causes(model, 1e-9 * offset))
-        report.notices = notices_on_positions(report.notices)
+        put_into(summary, of_positions)
+        report.of_rows += causes_on_positions(engine, name, summary, of_positions.get("run"))
     if some and not position_only:
+        summary = whole_run(summary, poses, evaluation)
         none: dict[str, tuple[Box, ...]] = {}
         if explain:
             report.growth = shield(

@@ -10,16 +10,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.error_model.positions import PositionErrorModel
 from trajeval_ros.error_model.running import Due, Fitted
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.online.parameters import Value
+from trajeval_ros.online.positions import rows_of
 from trajeval_ros.online.results import Results
 from trajeval_ros.report import Report
 from trajeval_ros.report.track import Track
 from trajeval_ros.runs.beside import Work
 from trajeval_ros.runs.error_models import LiveErrorModels, put_into
 from trajeval_ros.runs.latest_path import LatestPath, on_positions
+from trajeval_ros.runs.position_models import LivePositionModels, PositionsDue
 from trajeval_ros.wall import shield
 
 
@@ -44,6 +48,8 @@ class Record:
         self.report = Report(parameters, sources)
         self.error: str | None = None
         self.models = LiveErrorModels(window)
+        self.on_positions = self._no_position_models()
+        self._is_on_positions = False
         self.undecodable = 0
         self.causes: tuple[Cause, ...] = ()
         self.latest_path: LatestPath | None = None
@@ -53,6 +59,11 @@ class Record:
         self._unwritten = 0  # poses evaluated while there was no folder for them
         if directory:
             self._try_open()
+
+    def _no_position_models(self) -> LivePositionModels:
+        wanted = self.report.parameters["gauge"]
+        gauge = next(gauge for name, gauge in GAUGES.items() if name == wanted)
+        return LivePositionModels(self.models.duration, gauge)
 
     def _try_open(self) -> OutputFolder | None:
         try:
@@ -77,7 +88,9 @@ class Record:
         if len(evaluations):
             self.report.add(results)
             say = self.report.say
-            shield("the error model", lambda: self.models.add(evaluations, offset), None, say)
+            self._is_on_positions = results.position_only
+            models = self.on_positions if results.position_only else self.models
+            shield("the error model", lambda: models.add(evaluations, offset), None, say)
             if self.latest_path is not None:
                 self.latest_path.add(evaluations)
         folder = self._folder
@@ -87,17 +100,26 @@ class Record:
             self._unwritten += len(evaluations)
             return
         try:
-            folder.add(evaluations)
+            folder.add(rows_of(results))
         except OutputError as error:
             self.error = str(error)
 
-    def fit_due(self, *, of_window: bool = True) -> Work | None:
+    def fit_due(self, *, of_window: bool = True, last: bool = False) -> Work | None:
         """The fit of a block of the run, or of the window, if one has changed.
 
-        Not ``of_window``: that only as long as there is no block.
+        Not ``of_window``: that only as long as there is no block. ``last``: nothing more comes
+        before the figures are written.
         """
+        say = self.report.say
+        if self._is_on_positions:
+            of_positions = self.on_positions
+            find_one = partial(of_positions.due, of_window=of_window, last=last)
+            found = shield("the error model", find_one, None, say)
+            if found is None:
+                return None
+            return Work(found.fit, partial(self._take_on_positions, of_positions, found))
         find = self.models.due if of_window or not self.models.has_run else self.models.block_due
-        due: Due | None = shield("the error model", find, None, self.report.say)
+        due: Due | None = shield("the error model", find, None, say)
         return None if due is None else Work(due.fit, partial(self._take, self.models, due))
 
     def _take(self, models: LiveErrorModels, due: Due, fitted: Callable[[], Fitted]) -> None:
@@ -106,11 +128,27 @@ class Record:
         found = self.error_models
         self.report.model = found.get("run", found.get("window"))
 
+    def _take_on_positions(
+        self,
+        models: LivePositionModels,
+        due: PositionsDue,
+        fitted: Callable[[], PositionErrorModel | None],
+    ) -> None:
+        # What it says of causes is said with the figures: the report's model has orientations.
+        say = self.report.say
+        shield("the error model", lambda: models.take(due, fitted()), None, say)
+
+    def change(self, window: int) -> None:
+        """Go on with another window, ns."""
+        self.models.change(window)
+        self.on_positions.duration = window
+
     @property
     def error_models(self) -> dict[str, dict[str, Any]]:
         """The error models of the ``run`` and of the ``window``, as far as they are fitted."""
         lack: dict[str, dict[str, Any]] = {}
-        return shield("the error model", lambda: self.models.figures, lack, self.report.say)
+        models = self.on_positions if self._is_on_positions else self.models
+        return shield("the error model", lambda: models.figures, lack, self.report.say)
 
     def score_latest_path(self) -> bool:
         """Score the latest whole trajectory, if there is a new one, or more to score it by."""
@@ -119,11 +157,10 @@ class Record:
             "the latest path", latest.score, False, self.report.say
         )
 
-    @property
-    def of_latest_path(self) -> dict[str, Any] | None:
+    def of_latest_path(self, position_only: bool) -> dict[str, Any] | None:
         """The figures of the latest whole trajectory, as far as it has been scored."""
         figures = None if self.latest_path is None else self.latest_path.figures
-        return on_positions(figures) if self.report.lacks_orientation else figures
+        return on_positions(figures) if position_only else figures
 
     def look_for_causes(self, evaluated: int, *, again: bool = False) -> None:
         """Look at the run so far, if more has been ``evaluated`` since, or ``again``."""
@@ -149,8 +186,9 @@ class Record:
         whole = {**summary, "likely_causes": [asdict(cause) for cause in self.causes]}
         put_into(whole, self.error_models)
         self.score_latest_path()
-        if self.of_latest_path is not None:
-            whole["latest_path"] = self.of_latest_path
+        latest_path = self.of_latest_path(bool(summary.get("position_only")))
+        if latest_path is not None:
+            whole["latest_path"] = latest_path
         return whole
 
     def save(self, summary: Mapping[str, object], *, last: bool) -> None:
@@ -178,6 +216,7 @@ class Record:
         self._unwritten = self.undecodable = self._examined = 0
         self.causes = ()
         self.models = LiveErrorModels(self.models.duration)
+        self.on_positions, self._is_on_positions = self._no_position_models(), False
         self.report.clear()
         if self.latest_path is not None:
             self.latest_path.clear()

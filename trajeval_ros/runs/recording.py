@@ -345,7 +345,8 @@ def _each(
     for batch in batches:
         rows = zip(batch.evaluations.stamps.tolist(), values(batch).tolist(), strict=True)
         for stamp, value in rows:
-            yield stamp, topic, message(stamp, value)
+            if value == value:  # not NaN
+                yield stamp, topic, message(stamp, value)
 
 
 def _absolute(make: _Messages, batches: Iterable[_Batch], topic: str) -> Iterator[_Message]:

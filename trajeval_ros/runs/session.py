@@ -40,12 +40,7 @@ from trajeval_ros.report import render_several
 from trajeval_ros.runs.beside import Work
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
-from trajeval_ros.runs.position_only import (
-    comparisons_on_positions,
-    notices_on_positions,
-    results_on_positions,
-    without_orientation,
-)
+from trajeval_ros.runs.position_only import causes_on_positions, comparisons_on_positions
 from trajeval_ros.runs.record import Record
 from trajeval_ros.runs.several import (
     NewestPoses,
@@ -147,13 +142,21 @@ class Session:
     def note_without_orientation(self, topic: int) -> None:
         """What comes on a topic, 0 or an estimate's, are positions alone: `is_position_only`."""
         self._without_orientation.add(topic)
+        self._note_orientations()
+
+    def note_orientation(self, topic: int) -> None:
+        """From the next run on, what comes on a topic has an orientation again."""
+        self._without_orientation.discard(topic)
+
+    def _note_orientations(self) -> None:
+        for topic in self._without_orientation:
+            self.engine.note_without_orientation(self.names[topic - 1] if topic else None)
         for name, record in self._records.items():
-            record.report.lacks_orientation = self.is_position_only(name)
+            record.report.lacks_orientation = self.engine.lacks_orientation(name)
 
     def is_position_only(self, name: str | None = None) -> bool:
         """Whether the ground truth or the estimate has no orientation."""
-        topic = 1 + self.names.index(self.engine.only(name))
-        return bool({0, topic} & self._without_orientation)
+        return self.engine.is_position_only(name)
 
     def take_path(self, topic: int, path: PoseSamples) -> None:
         """Take the latest whole trajectory of an estimate; before its poses are fed."""
@@ -172,7 +175,7 @@ class Session:
 
     def latest_path_of(self, name: str | None = None) -> dict[str, Any] | None:
         """The figures of an estimate's latest whole trajectory, if it publishes such."""
-        return self._record(name).of_latest_path
+        return self._record(name).of_latest_path(self.is_position_only(name))
 
     def newest_stamps(self) -> list[int]:
         """The newest stamps let in (ns), one a topic, on the ground truth's clock."""
@@ -211,35 +214,43 @@ class Session:
 
         ``again``: also where it has not.
         """
+        self._tell_of_positions()
         for name, record in self._records.items():
             record.look_for_causes(self.engine.health(name).estimate.used, again=again)
 
     def search_due(self) -> Work | None:
         """The search for likely causes in each run that has gone on since."""
+        self._tell_of_positions()
         searches = (
             record.search_due(self.engine.health(name).estimate.used)
             for name, record in self._records.items()
         )
         return Work.together([search for search in searches if search is not None])
 
-    def fit_due(self, *, of_window: bool = True) -> Work | None:
+    def _tell_of_positions(self) -> None:
+        """Tell the reports what positions alone say of lever arm and clock."""
+        for name, record in self._records.items():
+            if self.is_position_only(name):
+                figures, model = self.engine.figures(name), record.error_models.get("run")
+                record.report.of_rows = causes_on_positions(self.engine, name, figures, model)
+
+    def fit_due(self, *, of_window: bool = True, last: bool = False) -> Work | None:
         """The fit of a block of a run, or of a window, if one has changed.
 
-        Not ``of_window``: of that as long as there is no block.
+        Not ``of_window``: of that as long as there is no block. ``last``: before the figures are
+        written.
         """
         for name in self.names[self._next_fit :] + self.names[: self._next_fit]:
-            if self.is_position_only(name):
-                continue
-            work = self._records[name].fit_due(of_window=of_window)
+            work = self._records[name].fit_due(of_window=of_window, last=last)
             if work is not None:
                 # The others come first the next time.
                 self._next_fit = (self.names.index(name) + 1) % len(self.names)
                 return work
         return None
 
-    def fit_error_model(self) -> bool:
-        """Make a fit that is due at once; whether there was one."""
-        work = self.fit_due()
+    def fit_error_model(self, *, last: bool = False) -> bool:
+        """Make a fit that is due at once; whether there was one. ``last`` as of `fit_due`."""
+        work = self.fit_due(last=last)
         if work is not None:
             work.at_once()
         return work is not None
@@ -307,7 +318,7 @@ class Session:
                 account = figures[topic]
                 account["received"] += count
                 account["rejected"] = {**account["rejected"], UNDECODABLE: count}
-        return without_orientation(figures) if self.is_position_only(name) else figures
+        return figures
 
     def advance(self, now: int | None) -> Results:
         """Evaluate what can be of the only estimate; ``now`` (ns) on the stamps' clock."""
@@ -334,16 +345,7 @@ class Session:
         for name, newest in zip(found, self._newest, strict=False):
             add = partial(newest.add, found[name].evaluations)
             shield("keeping poses to compare", add, None, self._records[name].report.say)
-        return {
-            name: self._on_positions(name, results) if self.is_position_only(name) else results
-            for name, results in found.items()
-        }
-
-    def _on_positions(self, name: str, results: Results) -> Results:
-        """Results without what contains an orientation, under the alignment of the positions."""
-        conventional = self.engine.figures(name)["conventional"]
-        assert isinstance(conventional, dict)
-        return results_on_positions(results, conventional.get("alignment"))
+        return found
 
     def save(self, *, last: bool = False) -> Path | None:
         """Write the output folder and return it; None where there is nothing to write.
@@ -365,15 +367,13 @@ class Session:
                 return None
             self._keep_earlier(folder)
         self._is_ours = True
-        while self.fit_error_model():
+        while self.fit_error_model(last=True):
             pass
         self.look_for_causes(again=True)
         summaries = {name: self._completed(name) for name in self.names}
         failures: list[OutputError] = []
         for name, record in self._records.items():
-            notices = self.engine.notices(name)
-            position_only = self.is_position_only(name)
-            record.report.notices = notices_on_positions(notices) if position_only else notices
+            record.report.notices = self.engine.notices(name)
             record.report.way = self.engine.way()
             fit = self.engine.health(name).fit
             record.report.anew = () if fit is None else fit.anew
@@ -471,9 +471,9 @@ class Session:
         self._is_ours = False
         self.engine.reset()
         self._undecodable = 0
-        for name, record in self._records.items():
+        for record in self._records.values():
             record.clear()
-            record.report.lacks_orientation = self.is_position_only(name)
+        self._note_orientations()
         for newest in self._newest:
             newest.clear()
 
@@ -497,7 +497,7 @@ class Session:
             for record in self._records.values():
                 record.report.parameters[name] = value
         for record in self._records.values():
-            record.models.change(self.engine.settings.evaluation.window)
+            record.change(self.engine.settings.evaluation.window)
 
     def _move(self, directory: str) -> None:
         places = {name: self._place(directory, name) for name in self.names}

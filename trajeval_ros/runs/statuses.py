@@ -34,9 +34,18 @@ def flatten(summary: Mapping[str, Any]) -> dict[str, dict[str, str]]:
 
     Numbers are ``repr(float)``, so that every digit arrives; what is None or not finite is left
     out, and so are lists and distributions, which are for ``summary.json``. A figure below another,
-    such as ``window: {relative: {chi2}}``, is ``relative_chi2``.
+    such as ``window: {relative: {chi2}}``, is ``relative_chi2``. Of positions alone
+    ``absolute`` has the lever arm: ``lever_arm_x``, ``lever_arm_std_x``, ...
     """
-    return {status: dict(_entries("", summary[status])) for status in STATUSES if status in summary}
+    found = {
+        status: dict(_entries("", summary[status])) for status in STATUSES if status in summary
+    }
+    arm = summary.get("lever_arm")
+    if arm is not None:
+        for which, prefix in (("value", "lever_arm"), ("std", "lever_arm_std")):
+            for axis, component in zip("xyz", arm[which], strict=True):
+                found["absolute"][f"{prefix}_{axis}"] = repr(float(component))
+    return found
 
 
 def error_model_entries(models: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
