@@ -306,7 +306,8 @@ class _Run:
         ``before`` what was ``applied``, if anything was.
         """
         report = self.scoring.report
-        print(f"{self._title}{self._sources['estimate']} against {self._sources['ground truth']}\n")
+        title = f"{self._title}{self._sources['estimate']} against {self._sources['ground truth']}"
+        print("\n".join([*console.wrapped([title], 4), ""]))
         none: str | None = None
         share = shield(
             "the reason of a small share",
