@@ -17,7 +17,7 @@ from rclpy.serialization import serialize_message
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-# What a queue holds: of more, only a node that goes on taking messages has them all.
+# So many may be on their way: what the publisher keeps. All of them are more than that.
 MOST = 10_000
 FIXED = ("-p", "gp.hyperparameters:=fixed")
 
@@ -29,7 +29,7 @@ def started(graph: Graph, what: str, *parameters: str) -> Any:
 
 
 class Traffic:
-    """Publishes a run as fast as the node takes it: never more on its way than a queue holds."""
+    """Publishes a run as fast as the node takes it: never more on its way than `MOST`."""
 
     def __init__(self, graph: Graph, duration: float, rate: float) -> None:
         self._graph = graph

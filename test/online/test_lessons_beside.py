@@ -36,15 +36,17 @@ def test_figures_are_those_of_lessons_at_once(longest):
     engine = Engine({}, beside=True)
     topics = (run.ground_truth, run.estimate)
     taken, found, lesson, ends, lessons, waited = [0, 0], [], None, 0.0, 0, 0
-    now = 0.0
+    now, behind = 0.0, False
     while now < DURATION + 1.0:
         now += rng.choice([0.02, 0.1, 0.7])
         until = [int(np.searchsorted(t.stamps, nanoseconds(now), side="right")) for t in topics]
         engine.add_ground_truth(topics[0][taken[0] : until[0]])
         engine.add_estimate(topics[1][taken[1] : until[1]])
         taken = until
-        results = engine.advance(int(nanoseconds(now)))
+        results = engine.advance_all(int(nanoseconds(now)), 20)["estimate"]
+        assert len(results.evaluations) <= 20
         found.append(results.evaluations)
+        behind |= engine.is_behind
         pending = balance(engine).pending
         if lesson is None and engine.lesson is not None:
             wait = longest * rng.uniform(0.5, 1.0) if lessons else 0.5
@@ -58,6 +60,7 @@ def test_figures_are_those_of_lessons_at_once(longest):
     assert lessons >= 2
     assert waited > 5
     assert engine.lesson is None
+    assert behind
     assert_same_summary(engine.summary(), expected)
     together = joined(found)
     assert np.array_equal(together["stamps"], evaluations["stamps"])

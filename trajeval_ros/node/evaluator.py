@@ -44,6 +44,8 @@ _BATCH_PERIOD = 0.02
 # times as much as the others, and must not make the next one wait.
 _LONGEST_BATCH_PERIOD = 0.05
 _SMOOTHING = 0.1
+# Of each estimate in a batch: poses that have waited for a lesson are caught up with in several.
+_MOST_POSES = 500
 # Without messages the clock alone can end a wait, of a second and more.
 _CLOCK_PERIOD = 0.1
 _DISCOVERY_PERIOD = 0.2
@@ -197,6 +199,8 @@ class Evaluator(Node):
             self._batch_cost += _SMOOTHING * (took - self._batch_cost)
         for each in self._estimates:
             each.publish_due(begin)
+        if self._is_behind:
+            return 0.0
         return min(max(self._batch_cost / SHARE, _BATCH_PERIOD), _LONGEST_BATCH_PERIOD)
 
     def _on_discovery(self) -> None:
@@ -240,6 +244,8 @@ class Evaluator(Node):
 
     def _on_causes(self) -> None:
         self._searches.start(self._session.search_due)
+        # Saving has looked, too.
+        self._say_causes()
         self._log_defects()
 
     def _say_causes(self) -> None:
@@ -372,14 +378,23 @@ class Evaluator(Node):
             if self._monitor.messages == before:
                 return
 
+    @property
+    def _is_behind(self) -> bool:
+        """Whether there is more to do than the last batch has done."""
+        return self._session.engine.is_behind or any(source.is_behind for source in self._inputs)
+
     def _feed(self, arrived: _Arrived, now: int | None) -> None:
         steady = time.monotonic()
-        if steady < self._next_clock and all(samples is None for samples in arrived):
+        is_idle = all(samples is None for samples in arrived) and not self._is_behind
+        if is_idle and steady < self._next_clock:
             return
         self._next_clock = steady + _CLOCK_PERIOD
         self._session.feed(*arrived)
         self._stamp_clock.note(self._session.newest_stamps(), now)
-        self._publish(self._session.advance_all(self._stamp_clock.now(now)))
+        # What is in a queue has come: nothing is given up for it.
+        waiting = any(source.is_behind for source in self._inputs)
+        clock = None if waiting else self._stamp_clock.now(now)
+        self._publish(self._session.advance_all(clock, _MOST_POSES))
 
     def _publish(self, found: Mapping[str, Results]) -> None:
         for each in self._estimates:

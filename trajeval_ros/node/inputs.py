@@ -33,11 +33,11 @@ from trajeval_ros.online.samples import PoseSamples
 
 Array = npt.NDArray[np.float64]
 
-# Long enough for the seconds that learning the hyperparameters or writing the report may take: of
-# 2 kHz of ground truth, a queue of 1,000 lost 600 to 1,300 samples in 20 s, one of 10,000 none.
-QUEUE_DEPTH = 10_000
+# Five seconds of 10 kHz: as long as writing the report may take, or a busy machine keeps the node
+# waiting. What is not used of it takes no memory.
+QUEUE_DEPTH = 50_000
 # A batch; what is beyond it waits for the next one, so that a flood does not starve the services.
-BATCH = 5_000
+BATCH = 2_000
 
 # Each is a whole trajectory: one that is lost is made up for by the next.
 _PATH_DEPTH = 20
@@ -117,6 +117,8 @@ class Input:
         self._points = Points()
         self.heard = False
         """Whether anything has come yet."""
+        self.is_behind = False
+        """Whether the queue may hold more than was taken last."""
         self.child_frame = ""
         self.discover()
 
@@ -258,6 +260,7 @@ class Input:
                     break
                 messages.append(taken[0])
                 self._count_lost(taken[1]["publication_sequence_number"])
+        self.is_behind = len(messages) == BATCH
         return messages
 
     def _count_lost(self, sequence: int | None) -> None:

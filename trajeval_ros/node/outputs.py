@@ -24,7 +24,6 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
 from trajeval_ros import se3
-from trajeval_ros.node.inputs import QUEUE_DEPTH
 from trajeval_ros.online.results import Evaluations, Results
 from trajeval_ros.runs.statuses import NUMBERS
 
@@ -35,7 +34,7 @@ _SECOND = 1_000_000_000
 # figures the newest counts. What there is of each pose comes in bursts: of all poses that waited
 # for their ground truth, at once.
 _QUALITY = QoSProfile(depth=100)
-_OF_EACH_POSE = QoSProfile(depth=QUEUE_DEPTH)
+_OF_EACH_POSE = QoSProfile(depth=10_000)
 # Name of the body frame in the error vectors where no message gives one.
 _BODY = "body"
 

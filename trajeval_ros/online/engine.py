@@ -148,14 +148,22 @@ class Engine:
         name = self.only(None)
         return self.advance_all(now)[name]
 
-    def advance_all(self, now: int | None = None) -> dict[str, Results]:
-        """Evaluate all that can be of every estimate; ``now`` as for `advance`."""
+    def advance_all(self, now: int | None = None, most: int | None = None) -> dict[str, Results]:
+        """Evaluate all that can be of every estimate; ``now`` as for `advance`.
+
+        ``most``: so many poses of each, the oldest; then the rest `is_behind`, for further calls.
+        """
         if now is not None:
             self._reference.confirm(now - self._settings.timing.max_wait)
             self._pass_on()
-        found = self._answered([track.advance(now) for track in self._tracks.values()])
+        found = self._answered([track.advance(now, most) for track in self._tracks.values()])
         self._forget()
         return found
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether more could be evaluated than the last call was to."""
+        return any(track.is_behind for track in self._tracks.values())
 
     def finish(self) -> Results:
         """No more data will come: evaluate or reject all that is pending of the only estimate."""

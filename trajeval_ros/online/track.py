@@ -108,6 +108,8 @@ class Track:
         self._presence = Presence()
         self.lacks_orientation = False
         self._turned = Turned(TURNS)
+        self.is_behind = False
+        """Whether more can be evaluated than `advance` was to choose."""
 
     def change(self, evaluation: EvaluationSettings, timing: Timing) -> None:
         """Go on with another window and another wait."""
@@ -170,8 +172,8 @@ class Track:
             self._turned.add(arrived.poses)
         self._pending = self._pending.joined(arrived) if len(self._pending) else arrived
 
-    def advance(self, now: int | None) -> Question:
-        """Choose what can be evaluated, after the ground truth has been told the time.
+    def advance(self, now: int | None, most: int | None = None) -> Question:
+        """Choose what can be evaluated, ``most`` poses, after the ground truth was told the time.
 
         What the ground truth is to be asked; :meth:`score` takes the answer.
         """
@@ -179,7 +181,9 @@ class Track:
             certain = now - self._timing.max_wait
             self._append(self._estimates.confirm(certain - self._settings.time_offset))
             self._give_up(now)
-        question = self._choose(self._answerable(now))
+        count = self._answerable(now)
+        self.is_behind = most is not None and count > most
+        question = self._choose(min(count, count if most is None else most))
         self._forget()
         return question
 
@@ -187,6 +191,7 @@ class Track:
         """Choose all that is pending, after the ground truth has been concluded."""
         self._append(self._estimates.conclude())
         self._next_alignment = 0
+        self.is_behind = False
         return self._choose(len(self._pending))
 
     def score(self, answer: Posterior | None) -> Results:
@@ -366,7 +371,7 @@ class Track:
 
     def _forget(self) -> None:
         """Move on :attr:`begin`: to what no pose to come asks for, or what is too old to be."""
-        if not self._reference.is_ready or self._ground_truth.lesson is not None:
+        if not self._reference.is_ready or self._ground_truth.lesson is not None or self.is_behind:
             return
         newest, held = int(self._ground_truth.stamps[-1]), self._estimates.held_stamp
         oldest = newest - self._timing.patience - self._timing.max_wait

@@ -325,9 +325,12 @@ class Session:
         name = self.engine.only(None)
         return self.advance_all(now)[name]
 
-    def advance_all(self, now: int | None) -> dict[str, Results]:
-        """Evaluate what can be of every estimate; ``now`` (ns) on the stamps' clock."""
-        return self._recorded(self.engine.advance_all(now))
+    def advance_all(self, now: int | None, most: int | None = None) -> dict[str, Results]:
+        """Evaluate what can be of every estimate; ``now`` (ns) on the stamps' clock.
+
+        ``most`` as of `Engine.advance_all`.
+        """
+        return self._recorded(self.engine.advance_all(now, most))
 
     def finish(self) -> Results:
         """No more data will come: decide all that is pending of the only estimate."""
