@@ -343,7 +343,7 @@ def test_the_summary_says_of_what_topics_it_is(tmp_path: Path) -> None:
 
 
 # Fast batches for half a second, slow ones until the queue must be empty.
-@pytest.mark.parametrize(("seconds", "longest"), [(0.001, 0.5), (0.3, 0.9)])
+@pytest.mark.parametrize(("seconds", "longest"), [(0.001, 0.5), (0.3, 7.8)])
 def test_the_end_does_not_wait_for_publishers_that_go_on(
     seconds: float, longest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -353,9 +353,9 @@ def test_the_end_does_not_wait_for_publishers_that_go_on(
 
     def process() -> None:
         nonlocal now
-        monitor.messages += 5_000
+        monitor.messages += evaluator.BATCH
         now += seconds
 
     evaluator.Evaluator._take_all(SimpleNamespace(_monitor=monitor, _process=process))
-    assert monitor.messages >= 10_000
+    assert monitor.messages >= evaluator.QUEUE_DEPTH
     assert now == pytest.approx(longest, abs=0.01)
