@@ -111,6 +111,11 @@ def test_positions_are_evaluated_and_orientations_are_absent(
     else:
         # The ellipsoid's metres are those that were put in, about the first fix.
         assert summary["ground_truth"]["rejected"] == {"non_finite": 1}
+        fixes = {k: n for k, n in summary["ground_truth"]["fixes"].items() if n}
+        assert fixes == {"fixed": len(TRUTH) - 1, "none": 1}
+        health = values_of(graph.health()["ground truth"])
+        assert health["fixes_fixed"] == str(len(TRUTH) - 1)
+        assert "RTK fixed" in health["fixes"]
         found = summary["conventional"]["ate_translation_rmse"]
         assert found == pytest.approx(told["conventional"]["ate_translation_rmse"], rel=1e-2)
 

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import pairwise
 
+from trajeval_ros.files.fixes import Mode
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.parameters import PARAMETERS
 
@@ -23,6 +24,7 @@ _ALIKE = 0.6
 
 _REASONS = ",".join((*Reason, "undecodable"))
 _PARAMETERS = ",".join(name for name in PARAMETERS if "." not in name)
+_FIXES = ",".join((*Mode, "assumed"))
 _BOTH = "{translation,rotation}"
 _VALUE = "{value,std}"
 _XYZ = "{value,std}.*"
@@ -42,7 +44,7 @@ whiteness.{_BOTH}.* jumps.*.{{stamp,translation,rotation}} unobserved.*
 clock_changes.*.{{begin,end,before,after,std}} clock_stretches.*.{{begin,end,offset,std}}
 """
 _GROUND_TRUTH = f"""
-{{received,used,pending,segments,cut}} rejected.{{{_REASONS}}}
+{{received,used,pending,segments,cut}} rejected.{{{_REASONS}}} fixes.{{{_FIXES}}}
 hyperparameters.{_BOTH}.{_KERNEL}length_scale
 hyperparameters.{_BOTH}.{{signal,noise,smooth,rough,correlated_noise}}_std
 fit.{_BOTH}_{{mean_square,noise_std}} fit.{{segments_adapted,segments_closed,stamp_std}}
@@ -54,6 +56,7 @@ parameters.{{{_PARAMETERS}}} parameters.{{estimates,extrinsic}}.*
 inputs.{{estimate,ground_truth}} inputs.{{estimate,ground_truth}}.{{path,bytes,sha256,topic}}
 inputs.arguments.*
 estimate.{{received,evaluated,pending,cut}} estimate.rejected.{{{_REASONS}}}
+estimate.fixes.{{{_FIXES}}}
 likely_causes.*.{{code,text,advice}}
 relative.{_LIKELIHOOD} relative.{_BOTH}_rmse
 absolute.{_LIKELIHOOD} absolute.log_likelihood_{{first_order,nonlinear}} absolute.{_BOTH}_rmse
@@ -62,7 +65,7 @@ absolute.observability.unobserved_axes.*
 {{absolute,conventional,latest_path}}.alignment.pose.*
 {{absolute,conventional,latest_path}}.alignment.scale absolute.alignment.covariance.*.*
 window.{{duration,poses}} window.{{relative,absolute}}.{_LIKELIHOOD}
-window.{{relative,absolute}}.p_value
+window.{{relative,absolute}}.{{p_value,translation_rmse,rotation_rmse}}
 window.absolute.{{ending,log_likelihood_first_order,log_likelihood_nonlinear,consistency}}
 window.absolute.noise_equivalent_{_BOTH}_std
 window.absolute.observability.{{motion,status}}

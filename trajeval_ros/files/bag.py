@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from trajeval_ros import se3
+from trajeval_ros.files.fixes import FixCounts
 from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, PathMessage, decode_path, path_of
 from trajeval_ros.files.points import FIX_TYPE, POINT_TYPES, PYPROJ_IS_MISSING, Points
 from trajeval_ros.files.salvage import lone_bag, salvaged
@@ -116,11 +117,12 @@ def read_bag(
     remarks: list[str] = []
     made: dict[tuple[str, str], str] = {}
     paths: dict[str, GrowingPath] = {}
+    points: dict[str, Points] = {}
     with _opened(source, remarks) as reader:
         keys = [_find(source, reader, topic) for topic in topics]
         columns = {key: _Column() for key in keys}
         for topic, edge, pose in _poses(
-            source, reader, {topic for topic, _ in keys}, progress, remarks, paths
+            source, reader, {topic for topic, _ in keys}, progress, remarks, paths, points
         ):
             if (topic, edge) in columns:
                 columns[topic, edge].add(pose)
@@ -140,6 +142,7 @@ def read_bag(
             f"{source}, topic {name}",
             (*remarks, *([made[key]] if key in made else []), *_remarks_on(paths.get(key[0]))),
             paths[key[0]].latest if key[0] in paths else None,
+            points[key[0]].fixes if key[0] in points else None,
         )
         for name, key in zip(topics, keys, strict=True)
     )
@@ -195,7 +198,11 @@ class _Column:
         return Edge.of(np.array(self.stamps, dtype=np.int64)[good], poses, static)
 
     def trajectory(
-        self, source: str, remarks: tuple[str, ...], latest_path: PoseSamples | None
+        self,
+        source: str,
+        remarks: tuple[str, ...],
+        latest_path: PoseSamples | None,
+        fixes: FixCounts | None,
     ) -> Trajectory:
         numbers = np.array(self._numbers, dtype=np.float64)
         covariances = None
@@ -211,6 +218,7 @@ class _Column:
             remarks=remarks,
             latest_path=latest_path,
             has_orientation=self.has_orientation,
+            fixes=fixes,
         )
 
 
@@ -355,13 +363,14 @@ def _poses(
     progress: Progress | None,
     remarks: list[str],
     paths: dict[str, GrowingPath] | None = None,
+    points: dict[str, Points] | None = None,
 ) -> Iterator[tuple[str, str, _Pose]]:
     """Topic, ``parent.child`` of a transform in a TFMessage or "", and pose, in log order.
 
-    ``paths`` are filled in by topic.
+    ``paths`` and ``points`` are filled in by topic.
     """
     paths = {} if paths is None else paths
-    points: dict[str, Points] = {}
+    points = {} if points is None else points
     # A topic may have other types besides, which hold no poses.
     connections = [c for c in reader.connections if c.topic in topics and _usable([c.msgtype])]
     # Without connections, the library would read every message.
@@ -387,7 +396,7 @@ def _poses(
                 raise TrajectoryFileError(source, PYPROJ_IS_MISSING)
             covariance = point.covariance
             if covariance is None and connection.msgtype == FIX_TYPE:
-                covariance = np.zeros((6, 6))
+                covariance = np.zeros((6, 6))  # of no fix
             numbers = (*point.position, 0.0, 0.0, 0.0, 1.0)
             yield (
                 topic,

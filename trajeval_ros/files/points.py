@@ -3,8 +3,8 @@
 """Messages with a position and no orientation: PointStamped, NavSatFix.
 
 A fix becomes metres east, north and up of the first one, on the WGS 84 ellipsoid, by pyproj; its
-covariance is the message's (REP 145: east, north, up). What has no fix, or is on no place of the
-Earth, is no position.
+covariance is the message's (REP 145: east, north, up), or what is assumed of its mode (`fixes`).
+What has no fix, or is on no place of the Earth, is no position.
 """
 
 from __future__ import annotations
@@ -17,6 +17,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.files.fixes import (
+    FixCounts,
+    Mode,
+    assumed_covariance,
+    known_covariance,
+    mode_of,
+)
+
 Array = npt.NDArray[np.float64]
 
 POINT_TYPE = "geometry_msgs/msg/PointStamped"
@@ -27,9 +35,6 @@ PYPROJ_IS_MISSING = (
     "NavSatFix needs pyproj: apt install python3-pyproj, or python3 -m pip install pyproj"
 )
 
-# sensor_msgs/NavSatStatus and NavSatFix.
-_NO_FIX = -1
-_COVARIANCE_UNKNOWN = 0
 # Longitude, latitude (degrees; longitudes to 360, too) and altitude (m; above all satellites).
 _FURTHEST = (360.0, 90.0, 1e8)
 
@@ -56,6 +61,8 @@ class Points:
     def __init__(self) -> None:
         """Start without an origin."""
         self._to_metres: _ToEastNorthUp | None = None
+        self.fixes: FixCounts | None = None
+        """Of what modes the fixes were; None before the first."""
         self.is_without_pyproj = False
         """Whether a fix could not be read for lack of the library."""
 
@@ -71,17 +78,21 @@ class Points:
         # Of one that is not a number this is not so either.
         is_on_earth = all(abs(each) <= most for each, most in zip(values, _FURTHEST, strict=True))
         # A message that nobody has filled in is all zero, in ROS 1 its status, that of a fix, too.
-        if message.status.status <= _NO_FIX or not is_on_earth or not any(values):
+        given = known_covariance(message.position_covariance, message.position_covariance_type)
+        mode = mode_of(int(message.status.status), given)
+        if not is_on_earth or not any(values):
+            mode = Mode.NONE
+        counts = FixCounts() if self.fixes is None else self.fixes
+        self.fixes = counts.with_fix(mode, assumed=given is None and mode is not Mode.NONE)
+        if mode is Mode.NONE:
             return Point(stamp, nothing, header.frame_id, None)
         if self._to_metres is None:
             self._to_metres = _about(*values)
             if self._to_metres is None:
                 self.is_without_pyproj = True
                 return None
-        covariance = None
-        if message.position_covariance_type != _COVARIANCE_UNKNOWN:
-            covariance = np.zeros((6, 6))
-            covariance[:3, :3] = np.array(message.position_covariance).reshape(3, 3)
+        covariance = np.zeros((6, 6))
+        covariance[:3, :3] = assumed_covariance(mode) if given is None else given
         return Point(stamp, self._to_metres(*values), header.frame_id, covariance)
 
 

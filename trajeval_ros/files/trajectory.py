@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.files.fixes import FixCounts
 from trajeval_ros.online.samples import PoseSamples
 
 Array = npt.NDArray[np.float64]
@@ -59,6 +60,7 @@ class Trajectory:
         has_orientation: False where the file has none: the quaternions are 0 0 0 1 then.
         latest_path: of whole trajectories that are published again and again, the latest: the poses
             are those of each stamp as they came first.
+        fixes: of what modes, where they are a GNSS receiver's.
         remarks: what was read differently from the plain format, a clause each.
     """
 
@@ -78,6 +80,7 @@ class Trajectory:
     has_orientation: bool = True
     remarks: tuple[str, ...] = ()
     latest_path: PoseSamples | None = None
+    fixes: FixCounts | None = None
 
     def __post_init__(self) -> None:
         count = len(self.stamps)

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from enum import IntEnum
 
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.files.fixes import FixCounts
 from trajeval_ros.node.inputs import InputState
 from trajeval_ros.online.results import Health, TopicHealth
 from trajeval_ros.runs.session import UNDECODABLE
@@ -291,6 +292,22 @@ def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
         else "no likely cause of an error is found, and the computation agrees with itself",
         values,
     )
+
+
+def check_fixes(title: str, fixes: FixCounts | None, use_covariance: bool) -> Further:
+    """What there is to say of a GNSS receiver's fixes."""
+    if fixes is None:
+        return (), {}
+    values: dict[str, object] = {f"fixes_{mode}": count for mode, count in fixes.named.items()}
+    values["fixes"] = fixes.sentence(title, use_covariance)
+    if fixes.kinds > 1 and not use_covariance:
+        return (Finding(Level.WARN, fixes.sentence(title, use_covariance)),), values
+    return (), values
+
+
+def both(one: Further, other: Further) -> Further:
+    """What there is to say of two things."""
+    return (*one[0], *other[0]), {**one[1], **other[1]}
 
 
 def check_process(health: Health) -> Further:

@@ -363,6 +363,8 @@ class Evaluator(Node):
         self._jumps.stamps(topic, decoded.samples.stamps)
         if not decoded.has_orientation:
             self._session.note_without_orientation(topic)
+        if source.fixes is not None:
+            self._session.note_fixes(topic, source.fixes)
         if decoded.latest_path is not None:
             self._session.take_path(topic, decoded.latest_path)
         return decoded.samples

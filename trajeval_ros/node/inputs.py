@@ -25,6 +25,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import NavSatFix
 
+from trajeval_ros.files.fixes import FixCounts
 from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, decode_paths
 from trajeval_ros.files.points import FIX_TYPE, POINT_TYPE, PYPROJ_IS_MISSING, Points
 from trajeval_ros.node.decode import POSE_TYPES, Decoded, decode, deserialized
@@ -142,6 +143,11 @@ class Input:
         """``frame_id`` of the newest message."""
         return self._frame or ""
 
+    @property
+    def fixes(self) -> FixCounts | None:
+        """Of what modes the fixes of this run are; None where there are none."""
+        return self._points.fixes
+
     def discover(self) -> None:
         """Look at the publishers, and subscribe in the way that suits them."""
         found = self._node.get_publishers_info_by_topic(self._name)
@@ -166,6 +172,7 @@ class Input:
     def reset(self) -> None:
         """A new run has begun."""
         self._frame_changes = 0
+        self._points.fixes = None
 
     def _subscribe(self, offer: Offer) -> None:
         self._sequence = None

@@ -17,8 +17,10 @@ from trajeval_ros.node.diagnostics import (
     Load,
     Status,
     Traffic,
+    both,
     check_clock,
     check_consistency,
+    check_fixes,
     check_performance,
     check_process,
     check_synchronization,
@@ -108,7 +110,11 @@ class Monitor:
         evaluated = sum(health.estimate.used for health in found.values())
         timing = session.engine.settings.timing
         tolerance = timing.max_gap + timing.lag + timing.max_wait
-        of_truth = check_process(first)
+        settings = session.engine.settings
+        of_truth = both(
+            check_process(first),
+            check_fixes("ground truth", session.fixes_of(0), settings.ground_truth.use_covariance),
+        )
         statuses = [
             self._check_topic(
                 0, "ground truth", states[0], first.ground_truth, "used", period, of_truth
@@ -126,7 +132,12 @@ class Monitor:
                     account,
                     "evaluated",
                     period,
-                    ((), {"latest_path": after_closure(session.latest_path_of(name))}),
+                    both(
+                        ((), {"latest_path": after_closure(session.latest_path_of(name))}),
+                        check_fixes(
+                            title, session.fixes_of(topic), settings.estimates[name].use_covariance
+                        ),
+                    ),
                 )
             )
         offsets = session.engine.settings.estimates

@@ -33,6 +33,7 @@ from trajeval_ros.online.whole_run import drift, grown, whole_run
 from trajeval_ros.report import Report
 from trajeval_ros.runs.error_models import error_models, put_into
 from trajeval_ros.runs.far_offset import far_offset
+from trajeval_ros.runs.fixes import notices_of_fixes, put_fixes_into
 from trajeval_ros.runs.headline import with_headline
 from trajeval_ros.runs.kept import WholeRun
 from trajeval_ros.runs.latest_path import on_positions, scored
@@ -202,6 +203,8 @@ def completed(
     }
     count_left_out(summary["estimate"], estimate)
     count_left_out(summary["ground_truth"], truth)
+    fixes = {"ground truth": truth.fixes, "estimate": estimate.fixes}
+    put_fixes_into(summary, fixes)
     if explain:
         _look(engine, name, truth, estimate, report, summary)
     poses, evaluation = kept.poses, engine.settings.evaluation
@@ -277,6 +280,8 @@ def _look(
     offset = engine.settings.estimates[name].time_offset
     report.notices, report.way = engine.notices(name), engine.way()
     nothing: tuple[Notice, ...] = ()
+    fixes = {"ground truth": truth.fixes, "estimate": estimate.fixes}
+    report.notices += notices_of_fixes(fixes, report.parameters)
     report.notices += shield(
         "the question of the order",
         lambda: _swapped(truth, estimate, report.notices),

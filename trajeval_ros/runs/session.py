@@ -17,6 +17,7 @@ from typing import Any
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.ratio import Method
 from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.files.fixes import FixCounts
 from trajeval_ros.files.output import (
     FILES,
     LATEST_PATH,
@@ -38,6 +39,7 @@ from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import render_several
 from trajeval_ros.runs.beside import Work
+from trajeval_ros.runs.fixes import notices_of_fixes, put_fixes_into
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
 from trajeval_ros.runs.position_only import causes_on_positions, comparisons_on_positions
@@ -102,6 +104,7 @@ class Session:
         self._is_ours = False
         self._undecodable = 0  # of the ground truth
         self._without_orientation: set[int] = set()  # topics, 0 being the ground truth
+        self._fix_counts: dict[int, FixCounts] = {}  # by topic
 
     @property
     def is_several(self) -> bool:
@@ -143,6 +146,18 @@ class Session:
         """What comes on a topic, 0 or an estimate's, are positions alone: `is_position_only`."""
         self._without_orientation.add(topic)
         self._note_orientations()
+
+    def note_fixes(self, topic: int, fixes: FixCounts) -> None:
+        """Of what modes the fixes of this run are, of a topic that has such."""
+        self._fix_counts[topic] = fixes
+
+    def fixes_of(self, topic: int) -> FixCounts | None:
+        """Of what modes the fixes on a topic are, 0 or an estimate's; None where it has none."""
+        return self._fix_counts.get(topic)
+
+    def _fixes(self, name: str | None) -> dict[str, FixCounts | None]:
+        topic = 1 + self.names.index(self.engine.only(name))
+        return {"ground truth": self._fix_counts.get(0), "estimate": self._fix_counts.get(topic)}
 
     def note_orientation(self, topic: int) -> None:
         """From the next run on, what comes on a topic has an orientation again."""
@@ -318,6 +333,7 @@ class Session:
                 account = figures[topic]
                 account["received"] += count
                 account["rejected"] = {**account["rejected"], UNDECODABLE: count}
+        put_fixes_into(figures, self._fixes(name))
         return figures
 
     def advance(self, now: int | None) -> Results:
@@ -376,7 +392,8 @@ class Session:
         summaries = {name: self._completed(name) for name in self.names}
         failures: list[OutputError] = []
         for name, record in self._records.items():
-            record.report.notices = self.engine.notices(name)
+            of_fixes = notices_of_fixes(self._fixes(name), record.report.parameters)
+            record.report.notices = (*self.engine.notices(name), *of_fixes)
             record.report.way = self.engine.way()
             fit = self.engine.health(name).fit
             record.report.anew = () if fit is None else fit.anew
@@ -474,6 +491,7 @@ class Session:
         self._is_ours = False
         self.engine.reset()
         self._undecodable = 0
+        self._fix_counts.clear()
         for record in self._records.values():
             record.clear()
         self._note_orientations()
