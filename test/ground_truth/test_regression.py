@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import gp_twin
 
+from trajeval_ros.ground_truth.factors import Observed
 from trajeval_ros.ground_truth.hyperparameters import Component, GroupHyperparameters
 from trajeval_ros.ground_truth.kernels import (
     Exponential,
@@ -15,7 +16,7 @@ from trajeval_ros.ground_truth.kernels import (
     Matern72,
     SquaredExponential,
 )
-from trajeval_ros.ground_truth.regression import Regression, scale
+from trajeval_ros.ground_truth.regression import Regression, extend, scale
 
 KERNELS = (Matern52(), Matern72(), Matern32(), Exponential())
 NAMES = ("Matern52", "Matern72", "Matern32", "Exponential")
@@ -43,7 +44,7 @@ def conditioned(groups, times, values, noise, batches=1, kernels=KERNELS):
     """Groups that have the same samples, one with a tenth of the other's noise."""
     regression = Regression(kernels, groups, values.shape[1])
     for end in np.linspace(0, len(times), batches + 1).astype(int)[1:]:
-        regression.extend(times[:end], *both(values[:end], noise[:end], len(groups)))
+        regression.extend(Observed(times[:end], *both(values[:end], noise[:end], len(groups))))
     return regression
 
 
@@ -120,10 +121,49 @@ def test_digits_do_not_depend_on_the_batches(kernels):
     grown = Regression(kernels, groups, 3)
     for i, n in enumerate(counts):
         if n > grown.count:
-            grown.extend(times[:n], *both(values[:n], noise[:n]))
+            grown.extend(Observed(times[:n], *both(values[:n], noise[:n])))
         one_mean, one_variance = grown.posterior(asked[i : i + 1], counts[i : i + 1])
         np.testing.assert_array_equal(one_mean[0], mean[i])
         np.testing.assert_array_equal(one_variance[0], variance[i])
+
+
+@pytest.mark.parametrize("kernels", [KERNELS, (SquaredExponential(),)])
+def test_side_by_side_they_are_what_each_is_alone(kernels):
+    groups, sizes = (a_group(len(kernels)), another_group(len(kernels))), (70, 5, 200, 32, 33)
+    each = [samples(size, seed) for seed, size in enumerate(sizes)]
+    several = [Regression(kernels, groups, 3) for _ in sizes]
+    # Some have samples already, and one has all of them.
+    for known in (np.array([0, 5, 40, 0, 33]), np.array(sizes)):
+        extend(
+            several,
+            [
+                Observed(times[:n], *both(values[:n], noise[:n]))
+                for (times, values, noise), n in zip(each, known, strict=True)
+            ],
+        )
+        assert [regression.count for regression in several] == known.tolist()
+    for regression, (times, values, noise) in zip(several, each, strict=True):
+        alone = conditioned(groups, times, values, noise, kernels=kernels)
+        asked, counts = np.linspace(0.0, times[-1], 9), np.full(9, len(times))
+        for mine, other in zip(
+            regression.posterior(asked, counts), alone.posterior(asked, counts), strict=True
+        ):
+            np.testing.assert_array_equal(mine, other)
+        for mine, other in zip(regression.innovations(1), alone.innovations(1), strict=True):
+            np.testing.assert_array_equal(mine, other)
+
+
+def test_of_several_none_takes_samples_when_one_cannot():
+    groups, each = (a_group(),), [samples(40, seed) for seed in range(3)]
+    several = [Regression(KERNELS, groups, 3) for _ in each]
+    good = [Observed(times, *both(values, noise, 1)) for times, values, noise in each]
+    bad = Observed(good[1].times, good[1].values, good[1].noise - 1.0)
+    with pytest.raises(np.linalg.LinAlgError):
+        extend(several, [good[0], bad, good[2]])
+    assert [regression.count for regression in several] == [0, 0, 0]
+    extend(several, good)
+    alone = conditioned(groups, *each[2])
+    np.testing.assert_array_equal(several[2].innovations(1), alone.innovations(1))
 
 
 def test_scale_follows_the_data_from_the_prior():
@@ -153,7 +193,7 @@ def test_samples_at_one_time_are_refused():
     group = GroupHyperparameters((Component(1.0, 1.0),), 1e-12)
     regression = Regression((Matern52(),), (group,), 1)
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        regression.extend(np.zeros(3), np.zeros((3, 1, 1)), np.full((3, 1), -1e-3))
+        regression.extend(Observed(np.zeros(3), np.zeros((3, 1, 1)), np.full((3, 1), -1e-3)))
 
 
 @pytest.mark.parametrize("smooth", [0.0, 1000.0])
@@ -175,14 +215,14 @@ def test_samples_that_are_refused_leave_the_others():
     times = np.arange(40.0)
     values, noise = both(np.sin(times)[:, None], np.full(40, 1e-6), 1)
     regression = Regression((Matern52(),), (group,), 1)
-    regression.extend(times[:33], values[:33], noise[:33])
+    regression.extend(Observed(times[:33], values[:33], noise[:33]))
     before = regression.posterior(np.array([20.5]), np.array([33]))
     bad = noise.copy()
     bad[36] = -2.0
     with pytest.raises(np.linalg.LinAlgError):
-        regression.extend(times, values, bad)
+        regression.extend(Observed(times, values, bad))
     assert regression.count == 33
-    regression.extend(times, values, noise)
+    regression.extend(Observed(times, values, noise))
     after = regression.posterior(np.array([20.5]), np.array([33]))
     np.testing.assert_array_equal(before[0], after[0])
     np.testing.assert_array_equal(before[1], after[1])

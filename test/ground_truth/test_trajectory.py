@@ -23,7 +23,7 @@ from twins.ground_truths import (
 from twins.runs import SECOND, START, motion
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.segment import Asked, Samples, answers
+from trajeval_ros.ground_truth.segment import Asked, Samples, advance, answers
 from trajeval_ros.ground_truth.segmentation import Segmentation
 
 
@@ -68,7 +68,7 @@ def test_the_answer_is_the_weighted_one_of_the_segments(times, shape):
             weight = blended.weight(stamps[i : i + 1])[0]
             if weight > 0.0:
                 blended.segment.begin(truth._process(blended.index))
-                blended.segment.advance()
+                advance([blended.segment])
                 (epoch,) = blended.segment.epochs
                 here = slice(i, i + 1)
                 answered = answers([Asked(blended.segment, epoch, stamps[here], until[here])])
@@ -121,7 +121,7 @@ def test_there_is_something_to_jump_between():
     asked = []
     for segment in (first.segment, second.segment):
         segment.begin(process)
-        segment.advance()
+        advance([segment])
         asked.append(Asked(segment, segment.epochs[0], stamps, samples.stamps[-1:]))
     found = [answers([each]) for each in asked]
     assert np.abs(found[0].poses - found[1].poses).max() > 1e-6
@@ -566,6 +566,22 @@ def test_when_its_process_changed_is_remembered(still, expected):
     for stamp in fit.anew:
         # As soon as it moves.
         assert still < (stamp - START) / SECOND < still + 0.5
+
+
+def test_segments_that_begin_unlike_those_before_them_do_not_depend_on_batches():
+    # Closed together, they are conditioned together, as though each began like the one before.
+    seconds = np.arange(0.0, 60.0, 0.02)
+    noise = np.random.default_rng(0).normal(size=(len(seconds), 6))
+    noise *= np.where(seconds % 14.0 > 7.0, 2e-2, 1e-3)[:, None]
+    samples = Samples(at(seconds), motion(seconds) @ se3.exp(noise), None)
+    process = ground_truth(samples[:600], None)._process(0)
+    at_once, one_by_one = ground_truth(samples, process), ground_truth(hyperparameters=process)
+    for i in range(0, len(samples), 7):
+        one_by_one.append(samples[i : i + 7])
+    assert at_once.fit == one_by_one.fit
+    assert at_once.fit.adapted > 3
+    stamps = queries(samples)
+    assert_equal(whole(one_by_one, stamps), whole(at_once, stamps))
 
 
 def test_nothing_is_modelled_across_a_cut():

@@ -25,9 +25,10 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.ground_truth.factors import Observed
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
-from trajeval_ros.ground_truth.regression import Regression, scale
+from trajeval_ros.ground_truth.regression import Regression, extend, scale
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
@@ -73,6 +74,10 @@ class Values:
         here = slice(group * size, (group + 1) * size)
         return Values(self.times, self.values[:, here], self.variances[:, here])
 
+    def with_noise(self, noise: Array) -> Observed:
+        """With the variances of a process' ``noise`` (G,)."""
+        return Observed(self.times, self.values, self.variances + noise)
+
     def __getitem__(self, index: slice) -> Values:
         """Return consecutive samples."""
         return Values(self.times[index], self.values[index], self.variances[index])
@@ -86,11 +91,24 @@ def conditioned(learned: Learned, regimes: Iterable[Regime], values: Values) -> 
     noise = np.array([group.noise_std**2 for group in groups])
     regression = Regression(learned.model.kernels, groups, values.values.shape[2])
     regression.extend(
-        values.times,
-        np.tile(values.values, (1, len(candidates), 1)),
-        np.tile(values.variances, (1, len(candidates))) + noise,
+        Observed(
+            values.times,
+            np.tile(values.values, (1, len(candidates), 1)),
+            np.tile(values.variances, (1, len(candidates))) + noise,
+        )
     )
     return regression
+
+
+def begun(process: Process, regimes: Regimes, several: Sequence[Values]) -> list[Regression]:
+    """The regressions of segments that begin in the same regimes, made side by side."""
+    process = process.under(regimes)
+    size, width = several[0].values.shape[1] // 2, several[0].values.shape[2]
+    groups = tuple(group for group in process.groups for _ in range(size))
+    noise = np.array([group.noise_std**2 for group in groups])
+    regressions = [Regression(process.kernels, groups, width) for _ in several]
+    extend(regressions, [values.with_noise(noise) for values in several])
+    return regressions
 
 
 def best_regime(
@@ -212,17 +230,20 @@ def epoch_scales(epochs: Sequence[Epoch], counts: Sequence[Counts], squares: Arr
 class Adaptation:
     """The epochs of a segment, oldest first; the owner of their regressions."""
 
-    def __init__(self, process: Process, regimes: Regimes) -> None:
-        """Begin with ``regimes``, which the samples before the segment were in."""
+    def __init__(
+        self, process: Process, regimes: Regimes, regression: Regression | None = None
+    ) -> None:
+        """Begin with ``regimes``, which the samples before the segment were in.
+
+        ``regression``: of all of the segment's samples in these, where it was `begun` already.
+        """
         self.process = process
         self._regimes = regimes
+        self._regression = regression
         self._watches = (Watch(), Watch())
         self.epochs: list[Epoch] = []
-
-    @property
-    def count(self) -> int:
-        """Number of samples conditioned on."""
-        return self.epochs[-1].regression.count if self.epochs else 0
+        self.count = 0
+        """Number of samples taken."""
 
     def at(self, count: int) -> Epoch:
         """The epoch that answers with the first ``count`` samples."""
@@ -245,12 +266,11 @@ class Adaptation:
         translation, rotation = found
         return translation, rotation
 
-    def extend(self, values: Values) -> None:
-        """Take all samples so far, those known already first."""
+    def look(self, values: Values) -> None:
+        """Hold the process to all samples so far, which its newest epoch is conditioned on."""
+        self.count = len(values.times)
         if not self.epochs:
             self._begin(1, (1, 1), self._regimes, values)
-        else:
-            self._condition(values)
         learned = self.process.learned
         while learned is not None:
             refuted = self._refuted()
@@ -273,20 +293,14 @@ class Adaptation:
 
     def _begin(self, first: int, since: tuple[int, int], regimes: Regimes, values: Values) -> None:
         """Begin an epoch."""
-        process = self.process.under(regimes)
-        size, width = values.values.shape[1] // 2, values.values.shape[2]
-        groups = tuple(group for group in process.groups for _ in range(size))
-        regression = Regression(process.kernels, groups, width)
-        noise = np.array([group.noise_std**2 for group in groups])
-        regression.extend(values.times, values.values, values.variances + noise)
+        regression, self._regression = self._regression, None
+        if regression is None or regression.count != len(values.times):
+            (regression,) = begun(self.process, regimes, [values])
+        process, size = self.process.under(regimes), values.values.shape[1] // 2
+        noise = np.array([group.noise_std**2 for group in process.groups for _ in range(size)])
         rows = np.repeat(since, size)
         before = regression.squares(rows)[np.arange(2 * size), np.arange(2 * size)]
         self.epochs.append(Epoch(first, since, regimes, process, regression, noise, before))
-
-    def _condition(self, values: Values) -> None:
-        """Condition the newest epoch on all samples; the others know what they need."""
-        epoch = self.epochs[-1]
-        epoch.regression.extend(values.times, values.values, values.variances + epoch.noise)
 
     def _refuted(self) -> tuple[int, int, int, float] | None:
         """The first row that refutes the newest epoch, the one since which, and the group.
@@ -315,6 +329,18 @@ class Adaptation:
         seen, _ = regression.innovations(since)
         seen = seen.reshape(2, -1, regression.count - since)[group].sum(axis=0)
         return row, since, group, float(seen[: row + 1 - since].mean()) / _COORDINATES
+
+
+def take(several: Sequence[tuple[Adaptation, Values]]) -> None:
+    """Let each take all samples so far of its segment, those known already first."""
+    # The newest epochs side by side; the others know what they need.
+    newest = [(each.epochs[-1], values) for each, values in several if each.epochs]
+    extend(
+        [epoch.regression for epoch, _ in newest],
+        [values.with_noise(epoch.noise) for epoch, values in newest],
+    )
+    for adaptation, values in several:
+        adaptation.look(values)
 
 
 def _replaced(pair: tuple[_Any, _Any], index: int, value: _Any) -> tuple[_Any, _Any]:

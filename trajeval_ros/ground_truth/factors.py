@@ -83,55 +83,25 @@ class Factor(ABC):
     def pivots(self) -> Array:
         """The diagonal of L; (G, rows), rows beyond the samples meaning nothing."""
 
-    def extend(self, times: Array, values: Array, noise: Array) -> int:
-        """Take all samples so far, those known already first; return the first row that changed.
-
-        The arguments as in :meth:`Regression.extend`.
-        """
+    def take(self, times: Array) -> int:
+        """Take the times of all samples so far; return the first row that is to be factored."""
         total, first = len(times), self.count // _BLOCK * _BLOCK
         more = rounded_up(total) - len(self.times)
         if more > 0:
             self.times = np.concatenate([self.times, np.zeros(more)])
             self._reserve(more)
         self.times[first:total] = times[first:]
-        known, self.count = self.count, total
-        begins = np.arange(first, total, _BLOCK)
-        blocks = self._covariances(begins, noise)
-        right = np.zeros((self._groups, len(begins) * _BLOCK, self._columns))
-        right[:, : total - first, 0] = 1.0
-        right[:, : total - first, 1:] = np.swapaxes(values[first:], 0, 1)
-        by_block = right.reshape(self._groups, len(begins), _BLOCK, self._columns)
-        try:
-            self._add(first // _BLOCK, blocks, by_block)
-        except np.linalg.LinAlgError:
-            self.count = known
-            message = "the covariance of the samples is not positive definite"
-            raise np.linalg.LinAlgError(message) from None
+        self.count = total
         return first
-
-    def _covariances(self, begins: Counts, noise: Array) -> Array:
-        """The lower triangles of ``K_b``; (G, b, 32, 32). Rows without a sample: the identity's."""
-        first = int(begins[0])
-        times = self.times[first : first + len(begins) * _BLOCK].reshape(-1, _BLOCK)
-        apart = (times[:, _ROWS] - times[:, _COLUMNS]).reshape(1, -1)
-        size = self.count - int(begins[-1])
-        sampled = (len(begins) - 1) * len(_ROWS) + size * (size + 1) // 2  # row after row
-        packed = np.zeros((self._groups, apart.size))
-        packed[:, :sampled] = self._kernel(apart[:, :sampled])[:, 0]
-        flat = np.zeros((self._groups, len(begins), _BLOCK * _BLOCK))
-        flat[..., _LOWER] = packed.reshape(self._groups, len(begins), -1)
-        diagonal = np.ones((self._groups, times.size))
-        diagonal[:, : self.count - first] = self._kernel.variances[0] + noise[first:].T
-        flat[..., :: _BLOCK + 1] = diagonal.reshape(self._groups, len(begins), _BLOCK)
-        return flat.reshape(self._groups, len(begins), _BLOCK, _BLOCK)
 
     @abstractmethod
     def _reserve(self, more: int) -> None:
         """Make room for so many more rows."""
 
+    @classmethod
     @abstractmethod
-    def _add(self, first: int, blocks: Array, right: Array) -> None:
-        """Write the blocks from number ``first`` on; ``right`` (G, b, 32, 1 + c) is ``[1 x]``."""
+    def _add(cls, blocks: _Blocks) -> None:
+        """Write these blocks."""
 
     @abstractmethod
     def whitened(self, times: Array, counts: Counts) -> Array:
@@ -143,6 +113,82 @@ class Factor(ABC):
     @abstractmethod
     def weights(self, right: Array, counts: Counts) -> Array:
         """Return ``L⁻ᵀ right``, ``right`` (G, q, rows) being zero from row ``counts`` (q,) on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """All samples so far: ``times`` (n,); ``values`` (n, G, c); variances ``noise`` (n, G)."""
+
+    times: Array
+    values: Array
+    noise: Array
+
+
+def extend(factors: Sequence[Factor], samples: Sequence[Observed]) -> list[int]:
+    """Take all samples so far of each, those known already first; return the first new rows.
+
+    Of factors of one kind with the same kernel and number of groups, side by side: what it costs is
+    the number of calls. Raises LinAlgError where the covariance of one is not positive definite;
+    none has taken any then.
+    """
+    known = [factor.count for factor in factors]
+    firsts = [factor.take(each.times) for factor, each in zip(factors, samples, strict=True)]
+    blocks = _Blocks.of(factors, samples, [first // _BLOCK for first in firsts])
+    try:
+        type(factors[0])._add(blocks)
+    except np.linalg.LinAlgError:
+        for factor, count in zip(factors, known, strict=True):
+            factor.count = count
+        message = "the covariance of the samples is not positive definite"
+        raise np.linalg.LinAlgError(message) from None
+    return firsts
+
+
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """Blocks of rows to be factored, B of all factors, one factor's after the other's.
+
+    ``owner`` (B,): the number of the factor; ``number`` (B,): the block's within it. ``times`` (B,
+    32), zeros without a sample; ``covariances`` (G, B, 32, 32): the lower triangles of ``K_b``, in
+    rows without a sample the identity's; ``right`` (G, B, 32, 1 + c): ``[1 x]``.
+    """
+
+    factors: Sequence[Factor]
+    owner: Counts
+    number: Counts
+    times: Array
+    covariances: Array
+    right: Array
+
+    @staticmethod
+    def of(factors: Sequence[Factor], samples: Sequence[Observed], first: Sequence[int]) -> _Blocks:
+        """Those from the ``first`` of each factor on."""
+        sizes = [-(-each.count // _BLOCK) - b for each, b in zip(factors, first, strict=True)]
+        owner = np.repeat(np.arange(len(factors)), sizes)
+        number = np.concatenate([np.arange(b, b + n) for b, n in zip(first, sizes, strict=True)])
+        counts = np.array([factor.count for factor in factors])[owner] - _BLOCK * number
+        sampled = np.arange(_BLOCK) < counts[:, None]
+        times, values, noise = (
+            np.concatenate([part[_BLOCK * b :] for part, b in zip(parts, first, strict=True)])
+            for parts in zip(
+                *((each.times, each.values, each.noise) for each in samples), strict=True
+            )
+        )
+        kernel, groups = factors[0]._kernel, values.shape[1]
+        by_block = np.zeros(sampled.shape)
+        by_block[sampled] = times
+        right = np.zeros((groups, *sampled.shape, 1 + values.shape[2]))
+        right[:, sampled, 0] = 1.0
+        right[:, sampled, 1:] = np.swapaxes(values, 0, 1)
+        flat = np.zeros((groups, len(owner), _BLOCK * _BLOCK))
+        apart = np.maximum(by_block[:, _ROWS] - by_block[:, _COLUMNS], 0.0)
+        flat[..., _LOWER] = kernel(apart.reshape(1, -1)).reshape(groups, len(owner), -1)
+        covariances = flat.reshape(groups, len(owner), _BLOCK, _BLOCK)
+        covariances[:, ~sampled] = 0.0
+        diagonal = np.ones((groups, *sampled.shape))
+        diagonal[:, sampled] = kernel.variances[0] + noise.T
+        flat[..., :: _BLOCK + 1] = diagonal
+        return _Blocks(factors, owner, number, by_block, covariances, right)
 
 
 def products(asked: Sequence[tuple[Factor, Array, Counts]], kinds: int) -> tuple[Array, Array]:
@@ -196,49 +242,54 @@ class MarkovFactor(Factor):
             for known in (self._lower, self._ahead, self._solved, self._sums)
         )
 
-    def _add(self, first: int, blocks: Array, right: Array) -> None:
-        until, columns = first + blocks.shape[1], self._columns
-        past = np.zeros((*right.shape[:3], self._kernel.rank))
+    @classmethod
+    def _add(cls, blocks: _Blocks) -> None:
+        """The first of each factor, the second, and so on."""
+        factors = [factor for factor in blocks.factors if isinstance(factor, MarkovFactor)]
+        columns, rank = factors[0]._columns, factors[0]._kernel.rank
+        past = np.zeros((*blocks.right.shape[:3], rank))
         # The first block has none before it, and while it is not whole, is none.
-        if self.count >= _BLOCK:
-            past = self._transitions(first, until)
-        right = np.concatenate([right, past], axis=3)
-        for b in range(first, until):
-            block, rest = blocks[:, b - first], right[:, b - first]
-            if b:
-                ahead = self._ahead[:, b]
-                seen = ahead @ self._sums[:, b - 1]
-                known = seen[..., columns:] @ np.swapaxes(ahead, 1, 2)
-                block = block - known[:, :_BLOCK, :_BLOCK]
-                rest[..., :columns] -= seen[:, :_BLOCK, :columns]
-                rest[..., columns:] -= known[:, :_BLOCK, _BLOCK:]
-            self._lower[:, b] = np.linalg.cholesky(block)
-            self._solved[:, b] = solved = _solved(self._lower[:, b], rest)
-            sums = np.swapaxes(solved[..., columns:], 1, 2) @ solved
-            if b:
-                sums[..., :columns] += seen[:, _BLOCK:, :columns]
-                sums[..., columns:] += known[:, _BLOCK:, _BLOCK:]
-            self._sums[:, b] = sums
+        if max(factor.count for factor in factors) >= _BLOCK:
+            past = cls._transitions(factors, blocks)
+        right = np.concatenate([blocks.right, past], axis=3)
+        begins = np.flatnonzero(np.diff(blocks.owner, prepend=-1))
+        sizes = np.diff(begins, append=len(blocks.owner))
+        for further in range(int(sizes.max())):
+            here = begins[sizes > further] + further
+            owners = [factors[i] for i in blocks.owner[here].tolist()]
+            places = [*zip(owners, blocks.number[here].tolist(), strict=True)]
+            ahead = np.stack([factor._ahead[:, b] for factor, b in places], axis=1)
+            # Of the first block they mean nothing, and F is zero.
+            before = np.stack([factor._sums[:, b - 1] for factor, b in places], axis=1)
+            seen = ahead @ before
+            known = seen[..., columns:] @ np.swapaxes(ahead, 2, 3)
+            onwards = np.concatenate([seen[..., :columns], known[..., _BLOCK:]], axis=3)
+            lower = np.linalg.cholesky(blocks.covariances[:, here] - known[:, :, :_BLOCK, :_BLOCK])
+            solved = _solved(lower, right[:, here] - onwards[:, :, :_BLOCK])
+            sums = np.swapaxes(solved[..., columns:], 2, 3) @ solved + onwards[:, :, _BLOCK:]
+            for i, (factor, b) in enumerate(places):
+                factor._lower[:, b] = lower[:, i]
+                factor._solved[:, b] = solved[:, i]
+                factor._sums[:, b] = sums[:, i]
 
-    def _transitions(self, first: int, until: int) -> Array:
-        """Write F and Φ of some blocks; return ``P_b`` (G, b, 32, r)."""
-        times = self.times[first * _BLOCK : until * _BLOCK].reshape(-1, _BLOCK)
+    @classmethod
+    def _transitions(cls, factors: Sequence[MarkovFactor], blocks: _Blocks) -> Array:
+        """Write F and Φ of the blocks; return their ``P_b`` (G, B, 32, r)."""
+        kernel, times = factors[0]._kernel, blocks.times
+        places = [*zip([factors[i] for i in blocks.owner], blocks.number.tolist(), strict=True)]
         ends = times[:, -1:]
-        begins = np.concatenate([self.times[max(first * _BLOCK - 1, 0), None], ends[:-1, 0]])[
-            :, None
-        ]
+        begins = np.array([[factor.times[max(_BLOCK * b - 1, 0)]] for factor, b in places])
         # Rows without a sample have no time.
         apart = np.maximum(
             np.concatenate([times - begins, ends - times, ends - begins], axis=1), 0.0
         )
-        powers = self._kernel.powers(apart)
-        future = self._kernel.future(powers[:, :, :_BLOCK])[0]
-        future[:, -1, self.count - (until - 1) * _BLOCK :] = 0.0
-        step = self._kernel.transition(powers[:, :, 2 * _BLOCK :])
-        self._ahead[:, first:until, :_BLOCK] = future
-        self._ahead[:, first:until, _BLOCK:] = np.swapaxes(step, 2, 3)
-        self._ahead[:, 0] = 0.0
-        return np.asarray(self._kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])[0])
+        powers = kernel.powers(apart)
+        future = kernel.future(powers[:, :, :_BLOCK])[0] * (blocks.right[..., :1] > 0.0)
+        step = np.swapaxes(kernel.transition(powers[:, :, 2 * _BLOCK :]), 2, 3)
+        ahead = np.concatenate([future, step], axis=2) * (blocks.number > 0)[:, None, None]
+        for i, (factor, b) in enumerate(places):
+            factor._ahead[:, b] = ahead[:, i]
+        return np.asarray(kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])[0])
 
     def first_blocks(self, times: Array, counts: Counts) -> Counts:
         """The block that each query must begin with: those before it end before it; (q,)."""
@@ -461,26 +512,29 @@ class DenseFactor(Factor):
         added = np.zeros((self._groups, more, self._columns))
         self._white = np.concatenate([self._white, added], axis=1)
 
-    def _add(self, first: int, blocks: Array, right: Array) -> None:
-        for b, block, unseen in zip(
-            range(first, first + blocks.shape[1]),
-            np.swapaxes(blocks, 0, 1),
-            np.swapaxes(right, 0, 1),
-            strict=True,
-        ):
-            start = b * _BLOCK
-            here = slice(start, start + _BLOCK)
-            if b:
-                size = min(_BLOCK, self.count - start)
-                cross = np.zeros((self._groups, _BLOCK, start))
-                apart = np.abs(self.times[start : start + size, None] - self.times[:start])
-                cross[:, :size] = self._kernel(apart)
-                _solve_rows(self._lower, cross)
-                self._lower[:, here, :start] = cross
-                block = block - cross @ np.swapaxes(cross, 1, 2)
-                unseen = unseen - cross @ self._white[:, :start]
-            self._lower[:, here, here] = np.linalg.cholesky(block)
-            self._white[:, here] = _solved(self._lower[:, here, here], unseen)
+    @classmethod
+    def _add(cls, blocks: _Blocks) -> None:
+        """One after the other."""
+        for i, (owner, b) in enumerate(zip(blocks.owner, blocks.number.tolist(), strict=True)):
+            factor = blocks.factors[owner]
+            assert isinstance(factor, DenseFactor)
+            factor._add_block(b, blocks.covariances[:, i], blocks.right[:, i])
+
+    def _add_block(self, b: int, block: Array, unseen: Array) -> None:
+        start = b * _BLOCK
+        here = slice(start, start + _BLOCK)
+        if b:
+            size = min(_BLOCK, self.count - start)
+            cross = np.zeros((self._groups, _BLOCK, start))
+            apart = np.abs(self.times[start : start + size, None] - self.times[:start])
+            cross[:, :size] = self._kernel(apart)
+            _solve_rows(self._lower, cross)
+            self._lower[:, here, :start] = cross
+            block = block - cross @ np.swapaxes(cross, 1, 2)
+            unseen = unseen - cross @ self._white[:, :start]
+        lower = np.asarray(np.linalg.cholesky(block), dtype=np.float64)
+        self._lower[:, here, here] = lower
+        self._white[:, here] = _solved(lower, unseen)
 
     def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
         """What the function `products` returns of all, by all of v."""
@@ -559,8 +613,8 @@ def _solve_rows(lower: Array, rows: Array, transposed: bool = False) -> None:
 
 
 def _solved(lower: Array, right: Array) -> Array:
-    """``lower⁻¹ right`` of blocks (G, 32, 32) and (G, 32, m)."""
+    """``lower⁻¹ right`` of blocks (..., 32, 32) and (..., 32, m)."""
     solution = np.empty_like(right)
-    for target, factor, columns in zip(solution, lower, right, strict=True):
-        target[...], _ = lapack.dtrtrs(factor.T, columns, trans=1)
+    for place in np.ndindex(right.shape[:-2]):
+        solution[place], _ = lapack.dtrtrs(lower[place].T, right[place], trans=1)
     return solution

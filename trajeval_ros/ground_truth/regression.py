@@ -22,10 +22,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.ground_truth import factors
 from trajeval_ros.ground_truth.factors import (
     DenseFactor,
     Factor,
     MarkovFactor,
+    Observed,
     products,
     rounded_up,
 )
@@ -74,13 +76,9 @@ class Regression:
         """Number of samples conditioned on."""
         return self._factor.count
 
-    def extend(self, times: Array, values: Array, noise: Array) -> None:
-        """Condition on all samples so far; those known already must lead.
-
-        ``times`` (n,) seconds, increasing; ``values`` (n, G, c); ``noise`` (n, G) variances.
-        """
-        if len(times) > self.count:
-            self._sum_up(self._factor.extend(times, values, noise))
+    def extend(self, samples: Observed) -> None:
+        """Condition on all samples so far; those known already must lead."""
+        extend([self], [samples])
 
     def _sum_up(self, first: int) -> None:
         """Add up the sums from row ``first`` on."""
@@ -148,6 +146,21 @@ class Regression:
             explained = (samples[:, : known + j, :size] @ weight)[..., 0]
             found.append((prior[:, : known + j, j] + drawn[:, j, None] - explained).T)
         return found
+
+
+def extend(regressions: Sequence[Regression], samples: Sequence[Observed]) -> None:
+    """Condition each on all of its samples so far, those known already first.
+
+    Those with the same groups and kernels are worked side by side.
+    """
+    alike: dict[int, list[tuple[Regression, Observed]]] = {}
+    for regression, each in zip(regressions, samples, strict=True):
+        if len(each.times) > regression.count:
+            alike.setdefault(id(regression._kernel), []).append((regression, each))
+    for some in alike.values():
+        firsts = factors.extend([r._factor for r, _ in some], [each for _, each in some])
+        for (regression, _), first in zip(some, firsts, strict=True):
+            regression._sum_up(first)
 
 
 def _squares(sums: Array) -> Array:

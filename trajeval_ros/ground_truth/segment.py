@@ -17,10 +17,12 @@ from trajeval_ros.ground_truth.adaptation import (
     Adaptation,
     Epoch,
     Values,
+    begun,
     epoch_scales,
+    take,
 )
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
-from trajeval_ros.ground_truth.regression import posteriors
+from trajeval_ros.ground_truth.regression import Regression, posteriors
 from trajeval_ros.ground_truth.stamps import HISTORY, slopes
 
 Array = npt.NDArray[np.float64]
@@ -182,6 +184,7 @@ class Segment:
         self._variances = np.empty((0, 6))
         self._slopes = np.empty((0, 6))
         self._adaptation: Adaptation | None = None
+        self._foreseen: tuple[Process, Regimes, Regression] | None = None
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -280,15 +283,13 @@ class Segment:
         if coordinates is not None:
             self._coordinates = np.concatenate([self._coordinates, coordinates])
 
-    @property
-    def values(self) -> Values:
-        """The samples as a regression takes them.
+    def values(self, process: Process) -> Values:
+        """The samples as a regression under ``process`` takes them.
 
         Its groups are translation and rotation, or each coordinate where each sample has its own
         variances.
         """
-        process = None if self._adaptation is None else self._adaptation.process
-        variances = self.known_variances(0.0 if process is None else process.stamp_std)
+        variances = self.known_variances(process.stamp_std)
         size = 2 if variances is None else 6
         values = self.coordinates.reshape(len(self), size, -1)
         if variances is None:
@@ -299,7 +300,7 @@ class Segment:
     def unconditioned(self) -> Segment:
         """The samples alone, without what is known of the process: a tenth of the memory."""
         alone = copy.copy(self)
-        alone._adaptation = None
+        alone._adaptation = alone._foreseen = None
         return alone
 
     @property
@@ -309,12 +310,14 @@ class Segment:
 
     def begin(self, process: Process, regimes: Regimes = AS_LEARNED) -> None:
         """Let ``process`` be the segment's, at first in ``regimes``."""
-        self._adaptation = Adaptation(process, regimes)
+        foreseen = self._foreseen if self.is_foreseen(process, regimes) else None
+        regression = None if foreseen is None else foreseen[2]
+        self._adaptation, self._foreseen = Adaptation(process, regimes, regression), None
 
-    def advance(self) -> None:
-        """Condition on all samples so far."""
-        if self._known.count < len(self):
-            self._known.extend(self.values)
+    def is_foreseen(self, process: Process, regimes: Regimes) -> bool:
+        """Whether `foresee` has made what is needed after this beginning."""
+        foreseen = self._foreseen
+        return foreseen is not None and foreseen[0] is process and foreseen[1] == regimes
 
     @property
     def _known(self) -> Adaptation:
@@ -334,7 +337,7 @@ class Segment:
         best.
         """
         known, count = self._known, int(self.counts(np.array([until]))[0])
-        return known.regimes(process, self.values[:count])
+        return known.regimes(process, self.values(known.process)[:count])
 
     def counts(self, until: Stamps) -> Counts:
         """Number of samples stamped up to each of ``until`` (q,)."""
@@ -352,6 +355,22 @@ class Segment:
         counts = self.counts(until)
         rows = epoch.regression.cross_variances(self.seconds(stamps), known, counts)
         return [np.repeat(row, 6 // row.shape[1], axis=1) for row in rows]
+
+
+def advance(segments: Sequence[Segment]) -> None:
+    """Condition segments that have begun on all their samples so far, side by side."""
+    lagging = [each for each in segments if each._known.count < len(each)]
+    take([(each._known, each.values(each._known.process)) for each in lagging])
+
+
+def foresee(segments: Sequence[Segment], process: Process, regimes: Regimes) -> None:
+    """Condition closed segments side by side, as though each will begin in these regimes.
+
+    What each begins in is known when those before it are conditioned, and mostly it is that.
+    """
+    values = [segment.values(process) for segment in segments]
+    for segment, regression in zip(segments, begun(process, regimes, values), strict=True):
+        segment._foreseen = process, regimes, regression
 
 
 def _continued(coordinates: Array) -> Array:

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +20,16 @@ from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lesson, Lessons
 from trajeval_ros.ground_truth.models import MODELS
-from trajeval_ros.ground_truth.process import AS_LEARNED, Process
+from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
 from trajeval_ros.ground_truth.segment import (
     Answer,
     Asked,
     Samples,
     Segment,
     Twists,
+    advance,
     answers,
+    foresee,
 )
 from trajeval_ros.ground_truth.segmentation import Blended, Segmentation, SegmentShape
 
@@ -38,6 +41,8 @@ Mask = npt.NDArray[np.bool_]
 # those before it.
 _GAP = 100_000_000
 _GAP_INTERVALS = 64
+# So many segments are conditioned together at most.
+_TOGETHER = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +122,7 @@ class GroundTruth:
         self._stamps = np.empty(0, dtype=np.int64)
         self._cuts = np.empty((0, 2), dtype=np.int64)  # the samples before and after each
         self._begin: int | None = None
+        self._agreed = 0  # so many segments began as was foreseen
         self._settled = 0  # the segments before this one are closed and conditioned
 
     @property
@@ -164,9 +170,8 @@ class GroundTruth:
 
     def _add(self, closed_ones: Iterable[Segment]) -> None:
         """Condition segments as they are closed, and learn from them."""
-        for closed in closed_ones:
-            self._closed.append((closed, self._segmentation.opened))
-            self._go_on()
+        self._closed.extend((closed, self._segmentation.opened) for closed in closed_ones)
+        self._go_on()
 
     def _go_on(self) -> None:
         """Condition closed segments up to one that makes a lesson due, and learn from them."""
@@ -230,6 +235,7 @@ class GroundTruth:
         """
         if not self._processes:
             return
+        advance([b.segment for b in self._segmentation.since(self._settled) if b.segment.begun])
         before: Segment | None = None
         settled = self._settled
         for blended in self._segmentation.since(self._settled - 1):
@@ -241,12 +247,32 @@ class GroundTruth:
                 regimes = AS_LEARNED
                 if before is not None and blended.incoming is not None:
                     regimes = before.regimes(process, blended.incoming.begin)
+                if not segment.is_foreseen(process, regimes):
+                    self._foresee(blended.index, process, regimes)
+                self._agreed += 1
                 segment.begin(process, regimes)
-            segment.advance()
+                advance([segment])
             before = segment
             if segment is through:
                 break
         self._settled = min(self._segmentation.first_open, settled)
+
+    def _foresee(self, index: int, process: Process, regimes: Regimes) -> None:
+        """Condition closed segments from one on together: that costs little more than it alone.
+
+        More, the more of the last ones began as they were foreseen to.
+        """
+        count, self._agreed = min(2 * self._agreed + 1, _TOGETHER), 0
+        closed = max(self._segmentation.first_open - index, 0)
+        together = [
+            blended.segment
+            for blended in islice(self._segmentation.since(index), min(count, closed))
+            if self._process(blended.index) is process
+        ]
+        if len(together) > 1:
+            # If the samples of one are at fault, that one will say so.
+            with suppress(np.linalg.LinAlgError):
+                foresee(together, process, regimes)
 
     def posterior(
         self,
