@@ -31,7 +31,7 @@ from trajeval_ros.benchmarking.grids import heading, number
 from trajeval_ros.benchmarking.grids import summary as summary_grids
 from trajeval_ros.benchmarking.manifest import read_manifest
 from trajeval_ros.benchmarking.plan import Task, plan, tasks
-from trajeval_ros.benchmarking.results import Results, read_csv, read_results
+from trajeval_ros.benchmarking.results import Results, brief, read_csv, read_results
 from trajeval_ros.benchmarking.table import compare
 from trajeval_ros.benchmarking.whole import OutputExistsError, run
 from trajeval_ros.benchmarking.work import LOST, OK, Outcome, Row, failed, outcomes_of, scores_of
@@ -50,7 +50,15 @@ def done(tmp_path_factory: pytest.TempPathFactory, client: Any) -> Done:
     folder = tmp_path_factory.mktemp("benchmark")
     manifest = make_runs(folder)
     (folder / "results/vins/hall/bad.txt").write_text("no trajectory\n")
-    return manifest, run(read_manifest(manifest), folder / "out", client)
+    return manifest, evaluated(manifest, folder / "out", client)
+
+
+def evaluated(manifest: Path, out: Path, client: Any, *, resume: bool = False) -> list[Row]:
+    """The whole rows, after every other way to them has been compared with the files."""
+    brief_ones = run(read_manifest(manifest), out, client, resume=resume)
+    rows = read_results(out)
+    assert brief_ones == [brief(row) for row in rows]
+    return rows
 
 
 def figures(row: Row) -> dict[str, float]:
@@ -117,7 +125,7 @@ def test_tables_of_a_recording_are_those_of_single_evaluations(tmp_path: Path, c
     manifest.write_text(
         "estimates: '{system}/{sequence}/{run}.txt'\nsequences: {mh04: {ground_truth: truth.txt}}\n"
     )
-    rows = run(read_manifest(manifest), tmp_path / "out", client)
+    rows = evaluated(manifest, tmp_path / "out", client)
     truth = te.read_tum(tmp_path / "truth.txt")
     singles = {name: te.evaluate(truth, te.read_tum(path)).summary for name, path in runs.items()}
     whole = {name: dict(scalars(summary)) for name, summary in singles.items()}
@@ -174,7 +182,7 @@ def test_resuming_does_what_is_left_and_what_has_changed(
     for row in kept[2:]:
         row["wall_time"] = -1.0
     Results(out, kept)
-    again = run(read_manifest(manifest), out, client, resume=True)
+    again = evaluated(manifest, out, client, resume=True)
     assert_same(again, rows)
     assert [row["key"] for row in again if row["wall_time"] == -1.0] == marked
 
@@ -436,7 +444,7 @@ def resumed_as(out: Path, manifest: Path, rows: list[Row], client: Any) -> None:
     """What is there is kept as it is, and with the rest it is a run without trouble."""
     before = {row["key"]: row["wall_time"] for row in read_csv(out / "results.csv")}
     assert 0 < len(before) < len(rows)
-    again = run(read_manifest(manifest), out, client, resume=True)
+    again = evaluated(manifest, out, client, resume=True)
     assert_same(again, rows)
     assert {row["key"]: row["wall_time"] for row in again if row["key"] in before} == before
-    assert len(read_errors(out, [str(row["key"]) for row in rows])) == len(rows) - 1
+    assert len(list(read_errors(out, [str(row["key"]) for row in rows]))) == len(rows) - 1

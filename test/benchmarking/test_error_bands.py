@@ -47,7 +47,7 @@ def test_they_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_read_costs_itself_alone(tmp_path: Path) -> None:
-    assert read_errors(tmp_path, "ab") == []
+    assert list(read_errors(tmp_path, "ab")) == []
     ErrorsFile(tmp_path, [errors("a", 1.0), errors("b", 1.0)])
     path = tmp_path / "errors.csv"
     path.write_text(path.read_text()[:-1])

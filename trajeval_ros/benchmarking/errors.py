@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,42 +67,39 @@ class ErrorsFile:
         self.path = folder / ERRORS
         folder.mkdir(parents=True, exist_ok=True)
         new = self.path.with_suffix(".csv.new")
-        new.write_text(_lines(errors), encoding="ascii")
+        with new.open("w", encoding="ascii") as file:
+            file.writelines(map(_line, errors))
         new.replace(self.path)
 
     def add(self, errors: Iterable[Errors]) -> None:
         """Append those of runs that are done."""
         with self.path.open("a", encoding="ascii") as file:
-            file.write(_lines(errors))
+            file.writelines(map(_line, errors))
 
 
-def _lines(errors: Iterable[Errors]) -> str:
-    lines = []
-    for one in errors:
-        texts = ("" if math.isnan(value) else f"{value:.5g}" for value in one.values.tolist())
-        lines.append(f"{one.key},{one.step:.9g},{','.join(texts)}\n")
-    return "".join(lines)
+def _line(one: Errors) -> str:
+    texts = ("" if math.isnan(value) else f"{value:.5g}" for value in one.values.tolist())
+    return f"{one.key},{one.step:.9g},{','.join(texts)}\n"
 
 
-def read_errors(folder: Path, keys: Iterable[str]) -> list[Errors]:
-    """Read those of the ``keys`` that are there; what cannot be read costs its picture alone."""
+def read_errors(folder: Path, keys: Iterable[str]) -> Iterator[Errors]:
+    """Read those of the ``keys`` that are there; what cannot be read costs its picture alone.
+
+    One that is there twice is read twice: the later one is right.
+    """
     wanted = set(keys)
-    found = {}
-    try:
-        text = (folder / ERRORS).read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return []
-    # A last line that is cut off does not count.
-    for line in text[: text.rfind("\n") + 1].splitlines():
-        key, _, rest = line.partition(",")
-        cells = rest.split(",")
-        if key in wanted and len(cells) == 1 + _BINS:
-            try:
-                numbers = [float(cell) if cell else math.nan for cell in cells]
-            except ValueError:
-                continue
-            found[key] = Errors(key, numbers[0], np.array(numbers[1:]))
-    return list(found.values())
+    with (
+        contextlib.suppress(OSError),
+        (folder / ERRORS).open(encoding="ascii", errors="replace") as file,
+    ):
+        # A last line that is cut off does not count.
+        for line in (line for line in file if line.endswith("\n")):
+            key, _, rest = line.partition(",")
+            cells = rest.strip().split(",")
+            if key in wanted and len(cells) == 1 + _BINS:
+                with contextlib.suppress(ValueError):
+                    numbers = [float(cell) if cell else math.nan for cell in cells]
+                    yield Errors(key, numbers[0], np.array(numbers[1:]))
 
 
 @dataclass(frozen=True)

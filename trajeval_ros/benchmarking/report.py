@@ -59,7 +59,7 @@ class Benchmark:
 
     rows: Sequence[Row]
     comparison: Comparison
-    errors: Sequence[Errors]
+    errors: Iterable[Errors]
     verdict: Verdict | None = None
 
     @cached_property

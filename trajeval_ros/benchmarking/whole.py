@@ -17,7 +17,7 @@ from trajeval_ros.benchmarking.grids import grids
 from trajeval_ros.benchmarking.manifest import Manifest, read_manifest
 from trajeval_ros.benchmarking.plan import plan, tasks
 from trajeval_ros.benchmarking.report import REPORT, Benchmark, page
-from trajeval_ros.benchmarking.results import CSV, Results, frame, in_order, read_csv, still_good
+from trajeval_ros.benchmarking.results import CSV, Results, frame, in_order
 from trajeval_ros.benchmarking.table import compare
 from trajeval_ros.benchmarking.work import Row
 
@@ -39,8 +39,8 @@ def run(
 ) -> list[Row]:
     """Evaluate every run of a manifest; write its rows, errors, tables and report.
 
-    ``resume``: rows that are there of the same contents are kept. Returns the rows in the order of
-    their names.
+    ``resume``: rows that are there of the same contents are kept. Returns the rows, in brief, in
+    the order of their names; whole they are in the folder.
 
     Raises :class:`OutputExistsError` without ``resume`` where there are results already,
     :class:`~trajeval_ros.benchmarking.results.ResultsError` for those that cannot be read, and
@@ -52,7 +52,7 @@ def run(
         raise OutputExistsError(f"{folder / CSV} is there already: resume it, or name a new folder")
     planned = plan(manifest)
     keys = [one.key for runs in planned.values() for one in runs]
-    results = Results(folder, still_good(read_csv(folder / CSV) if there else (), keys))
+    results = Results.resumed(folder, keys) if there else Results(folder)
     done = {str(row["key"]) for row in results.rows}
     errors = ErrorsFile(folder, read_errors(folder, done))
     left = {name: [one for one in runs if one.key not in done] for name, runs in planned.items()}
@@ -102,6 +102,8 @@ def benchmark(
     read = read_manifest(os.fspath(manifest))
     folder = Path(output).expanduser()
     if client is not None:
-        return frame(run(read, folder, client, resume=resume))
-    with cluster.cluster() as own:
-        return frame(run(read, folder, own, resume=resume))
+        run(read, folder, client, resume=resume)
+    else:
+        with cluster.cluster() as own:
+            run(read, folder, own, resume=resume)
+    return frame(folder)

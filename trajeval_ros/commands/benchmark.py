@@ -135,10 +135,10 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _baseline(path: str) -> list[Row]:
-    from trajeval_ros.benchmarking.results import ResultsError, read_results
+    from trajeval_ros.benchmarking.results import ResultsError, read_brief
 
     try:
-        return read_results(Path(path).expanduser())
+        return read_brief(Path(path).expanduser())
     except ResultsError as error:
         raise console.UsageError(f"--baseline: {error}") from error
 
