@@ -164,6 +164,11 @@ def wrapped(lines: Iterable[str], indent: int, width: int | None = None) -> list
     ]
 
 
+def say(lines: Iterable[str], indent: int = 4) -> None:
+    """Print lines as :func:`wrapped`."""
+    print("\n".join(wrapped(lines, indent)))
+
+
 class Progress:
     """Progress of long work on stderr, with its rate and the time that remains.
 

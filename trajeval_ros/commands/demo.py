@@ -125,8 +125,7 @@ def _files(arguments: argparse.Namespace, output: Path) -> list[str]:
     from trajeval_ros.commands.simulate import write_two
 
     print(
-        f"Simulating a flight of {_SIMULATED_SECONDS:g} s, and two estimates of it: one drifts, the"
-        " other is corrected ...",
+        f"Simulating {_SIMULATED_SECONDS:g} s of flight, and two estimates: one drifts ...",
         flush=True,
     )
     return [str(path) for path in write_two(output, _SIMULATED_SECONDS, 1)]
@@ -174,7 +173,7 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str], p
         raise console.CommandError(f"the node ended with exit code {code}: {node.last_words()}")
     if state.events:
         print("Events, by the time of the run")
-        print("\n".join(event.line for event in state.events) + "\n")
+        console.say([*(event.line for event in state.events), ""], indent=16)
     return _conclude(output, published, rate)
 
 
@@ -286,11 +285,11 @@ def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
         received["estimate"] = summary["estimate"]["received"]
         parameters = complete({})
         lines = answers.first_lines(summary, parameters)
-        print("\n".join([*lines, "", *figures.summary_lines(summary, parameters)]))
+        console.say([*lines, "", *figures.summary_lines(summary, parameters)], indent=14)
     else:
         received |= {name: one["estimate"]["received"] for name, one in estimates.items()}
         print("\n".join(figures.side_by_side(estimates)) + "\n")
-        print("\n".join(f"{sentence(read(pair))}." for pair in summary["comparison"]))
+        console.say(f"{sentence(read(pair))}." for pair in summary["comparison"])
     lost = {
         topic: count - received[topic]
         for topic, count in published.items()

@@ -223,7 +223,7 @@ def _is_no_worse(outcome: Outcome) -> bool:
     """Say how each estimate compares with its baseline; return whether none is worse."""
     several = len(outcome.judgements) > 1
     for name, judgement in outcome.judgements.items():
-        print("\n" + "\n".join([*([f"{name}:"] if several else []), *judgement.said]))
+        console.say(["", *([f"{name}:"] if several else []), *judgement.said])
     sys.stdout.flush()
     good = True
     for name, judgement in outcome.judgements.items():

@@ -103,8 +103,8 @@ def score(
     exports = exports or Exports()
     exports.write(Finished(data, parameters, scorings, found, everything.comparisons, recorded))
     failures += [*everything.failures, *exports.failures]
-    for line in console.wrapped([f"info: {remark}" for remark in data.remarks], 4):
-        print(line)
+    if data.remarks:
+        console.say(f"info: {remark}" for remark in data.remarks)
     for number, (name, run) in enumerate(runs.items()):
         if number or data.remarks:
             print()
@@ -151,7 +151,7 @@ class _Together:
             print("\nCompared, each with each\n")
             summaries = {name: one.summary for name, one in found.items()}
             print("\n".join(figures.side_by_side(summaries)) + "\n")
-            print("\n".join(console.wrapped(self.sentences, 4)))
+            console.say(self.sentences)
         if len(found) > 1 and output:
             folder = Path(output).expanduser().absolute()
             print(f"\nWritten: summary.json, report.html of all in {folder}")
@@ -307,7 +307,7 @@ class _Run:
         """
         report = self.scoring.report
         title = f"{self._title}{self._sources['estimate']} against {self._sources['ground truth']}"
-        print("\n".join([*console.wrapped([title], 4), ""]))
+        console.say([title, ""])
         none: str | None = None
         share = shield(
             "the reason of a small share",
@@ -327,7 +327,7 @@ class _Run:
         lines += answers.applied_lines(earlier, scored.summary, tuple(applied))
         print("\n".join([*console.wrapped(lines, 14), ""] if lines else []))
         lines = figures.summary_lines(scored.summary, self._parameters)
-        print("\n".join(console.wrapped(lines, 14)))
+        console.say(lines, indent=14)
         remarks = [
             f"likely cause: {cause['text']}. To try: {cause['advice']}."
             for cause in scored.summary["likely_causes"]
