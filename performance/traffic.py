@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes of the node's benchmark, each ended by a line on its standard input.
 
-``python -m performance.traffic publish SECONDS FILE``: 1 kHz of ground truth and 200 Hz of
-estimates, as soon as both have a subscriber; when each sample went out is written to FILE.
+``python -m performance.traffic publish SECONDS RATE EVERY FILE``: ground truth of so many Hz, an
+estimate with every so manieth, as soon as both have a subscriber; when each sample went out is
+written to FILE.
+``python -m performance.traffic meet``: says when both topics have a subscriber.
 ``python -m performance.traffic subscribe``: a bare node; prints how many messages came.
 ``python -m performance.traffic listen FILE``: when each metric came is written to FILE.
 """
@@ -23,23 +25,25 @@ from geometry_msgs.msg import PoseStamped, Vector3Stamped
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 
 from performance.ground_truth import simulated
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.segment import Samples
 
 Stamps = npt.NDArray[np.int64]
 
-RATE = 1000
-EVERY = 5
 _SECOND = 1_000_000_000
 _QUALITY = QoSProfile(depth=1000)
+# Of the publisher: a reliable one goes on without a reader that is late by more than it keeps.
+_KEPT = QoSProfile(depth=50_000)
 
 
-def messages(count: int, every: int, start: int) -> list[PoseStamped]:
-    """Return every so manieth of ``count`` samples of the simulated motion as a message."""
+def messages(samples: Samples, every: int, start: int) -> list[bytes]:
+    """Return every so manieth of the ``samples`` as a serialised message."""
     made = []
-    samples = simulated(0, count, RATE)
     positions, quaternions = se3.to_position_quaternion(samples.poses[::every])
     stamps = (samples.stamps[::every] + start).tolist()
     for stamp, p, q in zip(stamps, positions.tolist(), quaternions.tolist(), strict=True):
@@ -49,37 +53,59 @@ def messages(count: int, every: int, start: int) -> list[PoseStamped]:
         at, turned = message.pose.position, message.pose.orientation
         at.x, at.y, at.z = p
         turned.x, turned.y, turned.z, turned.w = q
-        made.append(message)
+        made.append(serialize_message(message))
     return made
 
 
-def publish(seconds: int, path: str) -> None:
+def publishers(node: Node) -> tuple[Publisher, Publisher]:
+    """Of ground truth and estimate."""
+    truth, estimate = (
+        node.create_publisher(PoseStamped, topic, _KEPT) for topic in ("ground_truth", "estimate")
+    )
+    return truth, estimate
+
+
+def met(truth: Publisher, estimate: Publisher, period: float = 0.05) -> None:
+    """Wait until both have a subscriber."""
+    while not (truth.get_subscription_count() and estimate.get_subscription_count()):
+        time.sleep(period)
+
+
+def meet() -> None:
+    """Say when there are subscribers."""
+    node = Node("traffic")
+    topics = publishers(node)
+    print("begin", flush=True)
+    met(*topics, period=0.002)
+    print("met", flush=True)
+    sys.stdin.readline()
+    node.destroy_node()
+
+
+def publish(seconds: int, rate: int, every: int, path: str) -> None:
     """Publish, paced by the steady clock; write (stamp, time it went out) of the ground truth."""
     node = Node("traffic")
-    truth, estimate = (
-        node.create_publisher(PoseStamped, topic, _QUALITY)
-        for topic in ("ground_truth", "estimate")
-    )
-    while not (truth.get_subscription_count() and estimate.get_subscription_count()):
-        time.sleep(0.05)
+    truth, estimate = publishers(node)
+    met(truth, estimate)
     time.sleep(1.0)
-    count = seconds * RATE
+    count = seconds * rate
     start = time.time_ns()
-    samples, estimates = messages(count, 1, start), messages(count, EVERY, start)
+    motion = simulated(0, count, rate)
+    samples, estimates = messages(motion, 1, start), messages(motion, every, start)
     print("begin", flush=True)
     sent = np.empty(count, dtype=np.int64)
     begin = time.monotonic_ns()
     for i, message in enumerate(samples):
-        ahead = begin + i * _SECOND // RATE - time.monotonic_ns()
+        ahead = begin + i * _SECOND // rate - time.monotonic_ns()
         if ahead > 0:
             time.sleep(ahead / _SECOND)
-        if i % EVERY == 0:
-            estimate.publish(estimates[i // EVERY])
+        if i % every == 0:
+            estimate.publish(estimates[i // every])
         sent[i] = time.monotonic_ns()
         truth.publish(message)
     for publisher in (truth, estimate):
         publisher.wait_for_all_acked(Duration(seconds=10))
-    stamps = start + np.arange(count, dtype=np.int64) * (_SECOND // RATE)
+    stamps = start + np.arange(count, dtype=np.int64) * (_SECOND // rate)
     np.savez(path, stamps=stamps, sent=sent)
     print("end", flush=True)
     node.destroy_node()
@@ -138,8 +164,10 @@ def main() -> None:
     """Run one of the processes."""
     rclpy.init(args=[])
     match sys.argv[1:]:
-        case ["publish", seconds, path]:
-            publish(int(seconds), path)
+        case ["publish", seconds, rate, every, path]:
+            publish(int(seconds), int(rate), int(every), path)
+        case ["meet"]:
+            meet()
         case ["subscribe"]:
             subscribe()
         case ["listen", path]:
