@@ -473,9 +473,10 @@ def _walk(panels: _Panels, state: Array) -> Iterator[tuple[Counts, Array, Array]
             if (panels.counts > _BLOCK).any():
                 until = np.maximum(times[:, -1:] - panels.times[here], 0.0)
                 onwards = onwards - kernel.past(kernel.powers(until), len(state))
+        by_group = np.ascontiguousarray(np.moveaxis(white, 0, 2))
         for p, (factor, b) in enumerate(blocks):
-            for rows in white[:, :, p]:
-                _solve_rows(factor._lower[:, b], rows)
+            _solve_rows(factor._lower[:, b], by_group[:, p].reshape(len(by_group), -1, _BLOCK))
+        white = np.moveaxis(by_group, 2, 0)
         white *= np.arange(_BLOCK) < left[:, :, None]
         gain = white @ solved
         columns = gain.shape[-1] - state.shape[-1]
