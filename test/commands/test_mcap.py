@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from test_evaluate import evaluate, summary_of
-from twins.runs import assert_same_summary
+from twins.path_bags import Store, samples, write
+from twins.runs import assert_same_summary, simulated
 
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Similarity
@@ -249,6 +250,40 @@ def test_several_have_namespaces(paths: tuple[Path, Path], tmp_path: Path) -> No
     assert pair.message in result.stdout
     namespaces = {marker.ns for marker in messages["/evaluator/markers"][-1][1].markers}
     assert namespaces == {"estimate: error", "sparse: error", "uncertainty"}
+
+
+def test_a_path_has_its_latest_figures(tmp_path: Path) -> None:
+    """Online and after the last closure, as in the summary; a folder that is made is said."""
+    made, store = simulated(3, 15.0), Store()
+    poses = np.concatenate([made.estimate.positions, made.estimate.quaternions], axis=1)
+    messages = []
+    for count in (60, 100, len(poses)):
+        corrected = poses[:count].copy()
+        corrected[:, :3] += 0.3 * (len(poses) - count) / len(poses)
+        whole = samples(made.estimate.stamps[:count].tolist(), corrected)
+        stamp = int(whole.stamps[-1])
+        messages.append(store.path(stamp, "map", ["map"] * count, whole)[1])
+    bag, truth = write(tmp_path, "mcap", store.store, messages), tmp_path / "truth.txt"
+    rows = zip(
+        made.ground_truth.stamps / 1e9,
+        np.concatenate([made.ground_truth.positions, made.ground_truth.quaternions], axis=1),
+        strict=True,
+    )
+    text = (f"{t:.9f} {' '.join(map(repr, map(float, row)))}\n" for t, row in rows)
+    truth.write_text("".join(text))
+    target = tmp_path / "new" / "run.mcap"
+    output = ("--output", tmp_path / "out", "--mcap", target)
+    result = evaluate(f"tum:{truth}", f"bag:{bag}:/path", *output)
+    assert result.returncode == 0, result.stderr
+    assert f"Written: {target} (its folder is new)" in result.stdout
+    summary = summary_of(tmp_path / "out")
+    _, found = read(target)
+    latest = statuses(found["/evaluator/metrics"][-1][1])["latest_path"]
+    expected = summary["latest_path"]
+    for key in ("ate_translation_rmse", "ate_rotation_rmse"):
+        assert float(latest[key]) == expected[key]
+        assert float(latest[f"online_{key}"]) == expected["online"][key]
+    assert expected["ate_translation_rmse"] < expected["online"]["ate_translation_rmse"]
 
 
 def test_a_bag_that_cannot_be_written_leaves_nothing(

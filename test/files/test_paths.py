@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from twins.path_bags import Store, samples, write
 
 from trajeval_ros.files.paths import GrowingPath, PathMessage, decode_path, path_of
 from trajeval_ros.online.samples import PoseSamples
@@ -28,69 +28,8 @@ def numbers(count: int, seed: int = 0) -> npt.NDArray[np.float64]:
     return values
 
 
-def samples(stamps: Sequence[int], values: npt.NDArray[np.float64]) -> PoseSamples:
-    return PoseSamples(np.array(stamps, dtype=np.int64), values[:, :3].copy(), values[:, 3:].copy())
-
-
 def path(stamps: Sequence[int], seed: int = 0, stamp: int = 9) -> PathMessage:
     return PathMessage(stamp, "map", samples(stamps, numbers(len(stamps), seed)))
-
-
-class Store:
-    """Messages by rosbags."""
-
-    def __init__(self, ros1: bool = False) -> None:
-        pytest.importorskip("rosbags", reason="rosbags is not installed")
-        from rosbags.typesys import Stores, get_typestore
-
-        self.ros1 = ros1
-        self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-
-    def header(self, stamp: int, frame: str) -> Any:
-        time = self.store.types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND))
-        return self.store.types["std_msgs/msg/Header"](*([0] if self.ros1 else []), time, frame)
-
-    def path(
-        self, stamp: int, frame: str, frames: Sequence[str], poses: PoseSamples
-    ) -> tuple[Any, bytes]:
-        types = self.store.types
-        made = [
-            types["geometry_msgs/msg/PoseStamped"](
-                self.header(when, own),
-                types["geometry_msgs/msg/Pose"](
-                    types["geometry_msgs/msg/Point"](*at),
-                    types["geometry_msgs/msg/Quaternion"](*turned),
-                ),
-            )
-            for when, own, at, turned in zip(
-                poses.stamps.tolist(),
-                frames,
-                poses.positions.tolist(),
-                poses.quaternions.tolist(),
-                strict=True,
-            )
-        ]
-        message = types["nav_msgs/msg/Path"](self.header(stamp, frame), made)
-        serialize = self.store.serialize_ros1 if self.ros1 else self.store.serialize_cdr
-        return message, bytes(serialize(message, "nav_msgs/msg/Path"))
-
-
-def write(folder: Path, kind: str, store: Any, raws: Sequence[bytes]) -> Path:
-    """A bag of paths."""
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
-
-    bag = folder / ("run.bag" if kind == "bag" else "run")
-    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-    writer: Any = Writer1(bag)
-    if kind != "bag":
-        writer = Writer2(bag, version=9, storage_plugin=plugin)
-    with writer:
-        connection = writer.add_connection("/path", "nav_msgs/msg/Path", typestore=store)
-        for time, raw in enumerate(raws, 1):
-            writer.write(connection, time, raw)
-    return bag
 
 
 def same(one: PoseSamples, other: PoseSamples) -> bool:
@@ -146,9 +85,31 @@ def test_only_what_is_new_is_new() -> None:
 
 def test_a_trajectory_that_begins_anew() -> None:
     growing = GrowingPath()
-    growing.take(path([0, 5 * SECOND, 10 * SECOND]))
-    assert growing.take(path([0, 9 * SECOND + 1])).stamps.tolist() == []
-    assert growing.take(path([0, 5 * SECOND])).stamps.tolist() == [0, 5 * SECOND]
+    growing.take(path([0, 5 * SECOND, 10 * SECOND], stamp=10 * SECOND))
+    assert growing.take(path([0, 9 * SECOND + 1], stamp=10 * SECOND)).stamps.tolist() == []
+    growing.take(path([n * SECOND for n in range(11)], stamp=11 * SECOND))
+    assert growing.take(path([SECOND], stamp=SECOND)).stamps.tolist() == [SECOND]
+
+
+@pytest.mark.parametrize("now", [120 * SECOND, 0, 60 * SECOND], ids=["on", "not set", "its end"])
+def test_a_trajectory_that_is_cut_is_not_fed_again(now: int) -> None:
+    """An estimator takes back its last forty seconds, and goes on."""
+    growing, stamps = GrowingPath(), [n * SECOND for n in range(1, 101)]
+    growing.take(path(stamps, stamp=100 * SECOND if now else 0))
+    assert len(growing.take(path(stamps[:60], stamp=now))) == 0
+    assert growing.latest is not None
+    assert len(growing.latest) == 60
+    assert growing.take(path([*stamps[:60], 121 * SECOND], stamp=now)).stamps.tolist() == [
+        121 * SECOND
+    ]
+
+
+@pytest.mark.parametrize("header", [SECOND, 0])
+def test_a_bag_that_loops_begins_anew(header: int) -> None:
+    growing, stamps = GrowingPath(), [n * SECOND for n in range(1, 101)]
+    growing.take(path(stamps, stamp=100 * header))
+    assert len(growing.take(path(stamps[:1], stamp=header))) == 1
+    assert len(growing.take(path(stamps[:3], stamp=3 * header))) == 2
 
 
 def test_poses_without_stamps() -> None:

@@ -120,6 +120,46 @@ def test_positions_are_evaluated_and_orientations_are_absent(
         assert found == pytest.approx(told["conventional"]["ate_translation_rmse"], rel=1e-2)
 
 
+def test_a_topic_that_has_orientations_now_begins_another_run(graph: Graph, tmp_path: Path) -> None:
+    """And one that has none any more; what was evaluated is kept."""
+    process = graph.start_evaluator(**FIXED, output__directory=str(tmp_path / "out"))
+    estimate = graph.publisher("estimate")
+    poses = data.messages(PoseStamped, ESTIMATE)
+    unturned = data.messages(PoseStamped, TRUTH)
+    for each in unturned:
+        each.pose.orientation.w = each.pose.orientation.x = 0.0
+        each.pose.orientation.y = each.pose.orientation.z = 0.0
+    half = len(TRUTH) // 2
+    middle = sum(stamp < TRUTH.stamps[half] for stamp in ESTIMATE.stamps)
+    first = graph.publisher("ground_truth")
+    graph.until_heard(first, estimate)
+    for publisher, messages in ((estimate, poses[:middle]), (first, unturned[:half])):
+        for each in messages:
+            publisher.publish(each)
+    graph.until_accounted("ground_truth", half)
+    graph.until_accounted("estimate", middle)
+    for publisher, messages in (
+        (first, data.messages(PoseStamped, TRUTH)[half:]),
+        (estimate, poses[middle:]),
+    ):
+        for each in messages:
+            publisher.publish(each)
+    graph.until_accounted("ground_truth", len(TRUTH) - half)
+    graph.until_accounted("estimate", len(poses) - middle)
+    assert graph.call("/evaluator/save").success
+    assert "/ground_truth has an orientation now: starting over" in process.output
+    folders = (tmp_path / "out" / "run_1", tmp_path / "out")
+    runs = [json.loads((folder / "summary.json").read_text()) for folder in folders]
+    assert runs[0]["position_only"] is True
+    assert runs[0]["lever_arm"] is not None or runs[0]["conventional"]["poses"] > 0
+    assert "position_only" not in runs[1]
+    assert runs[1]["conventional"]["ate_rotation_rmse"] is not None
+    # A wrong one among those that have one is a wrong one.
+    first.publish(unturned[-1])
+    graph.until_accounted("ground_truth", len(TRUTH) - half + 1)
+    assert values_of(graph.health()["ground truth"])["rejected_zero_quaternion"] == "1"
+
+
 def of_files() -> dict[str, Any]:
     """The summary of the same positions without a node."""
     identity = np.tile([0.0, 0.0, 0.0, 1.0], (len(TRUTH), 1))

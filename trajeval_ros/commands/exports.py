@@ -99,8 +99,11 @@ class Exports:
         )
         for where, write in writers:
             if where:
+                path = Path(where).expanduser()
+                is_new = not path.parent.is_dir()
                 try:
-                    self.written.append(write(run, Path(where).expanduser()))
+                    line = write(run, path)
+                    self.written.append(f"{line} (its folder is new)" if is_new else line)
                 except (BagWriteError, rrd.RecordingError, CommandError) as error:
                     self.failures.append(str(error))
 

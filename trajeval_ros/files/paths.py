@@ -20,7 +20,7 @@ from trajeval_ros.online.samples import PoseSamples
 PATH_TYPE = "nav_msgs/msg/Path"
 
 _SECOND = 1_000_000_000
-# A trajectory that ends this far (ns) before the last one did has begun anew: a bag that loops.
+# A trajectory that ends this far (ns) before the last one did may have begun anew: a looping bag.
 _BACK = 1_000_000_000
 _NOTHING = PoseSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
 
@@ -40,6 +40,7 @@ class GrowingPath:
     def __init__(self) -> None:
         """Start without a message."""
         self._newest: int | None = None
+        self._before: PathMessage | None = None
         self.latest: PoseSamples | None = None
         """The poses of the latest message that has any, by stamp."""
         self.lacks_stamps = False
@@ -62,12 +63,27 @@ class GrowingPath:
         stamps, from_end = np.unique(poses.stamps[::-1], return_index=True)
         order = len(poses) - 1 - from_end
         self.latest = PoseSamples(stamps, poses.positions[order], poses.quaternions[order])
-        if self._newest is not None and stamps[-1] < self._newest - _BACK:
+        ends_early = self._newest is not None and stamps[-1] < self._newest - _BACK
+        if ends_early and self._is_anew(message):
             self._newest = None
+        self._before = message
         known = -1 if self._newest is None else self._newest
         new = self.latest[int(np.searchsorted(stamps, known, side="right")) :]
         self._newest = max(known, int(stamps[-1]))
         return new
+
+    def _is_anew(self, message: PathMessage) -> bool:
+        """Whether a trajectory that ends earlier than the one before has begun anew.
+
+        One that is cut, as by an estimator that takes back its last seconds, goes on with the time
+        of its messages, or has most of its poses still.
+        """
+        before = self._before
+        if before is None or 2 * len(message.samples) >= len(before.samples):
+            return False
+        if message.stamp and before.stamp:
+            return message.stamp < before.stamp - _BACK
+        return True
 
 
 def decode_paths(

@@ -121,6 +121,7 @@ class Evaluator(Node):
         self._jumps = JumpDetector(len(names))
         self._sieve: LeftOver | None = None
         self._notices_said: set[str] = set()
+        self._oriented: dict[int, bool] = {}  # by topic: whether what comes has an orientation
         self._defects_said: set[str] = set()
         self._batch_cost = self._next_fit = self._next_path = self._next_clock = 0.0
         self._waited = 0
@@ -358,16 +359,28 @@ class Evaluator(Node):
         decoded = source.take()
         if decoded is None:
             return None
+        if len(decoded.samples):
+            self._note_orientation(source, topic, decoded.has_orientation)
         self._monitor.note_messages(topic, len(decoded.samples) + decoded.undecodable)
         self._session.note_undecodable(topic, decoded.undecodable)
         self._jumps.stamps(topic, decoded.samples.stamps)
-        if not decoded.has_orientation:
-            self._session.note_without_orientation(topic)
         if source.fixes is not None:
             self._session.note_fixes(topic, source.fixes)
         if decoded.latest_path is not None:
             self._session.take_path(topic, decoded.latest_path)
         return decoded.samples
+
+    def _note_orientation(self, source: Input, topic: int, has_orientation: bool) -> None:
+        """What comes has an orientation, or none: positions alone. Another run where it changes."""
+        before = self._oriented.get(topic, has_orientation)
+        self._oriented[topic] = has_orientation
+        if has_orientation:
+            self._session.note_orientation(topic)
+        if has_orientation != before:
+            what = "has an orientation now" if has_orientation else "is of positions alone now"
+            self._start_over(f"{source.state.topic} {what}")
+        if not has_orientation:
+            self._session.note_without_orientation(topic)
 
     def _take_all(self) -> None:
         """Empty the queues of what they hold by now."""

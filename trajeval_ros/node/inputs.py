@@ -44,6 +44,8 @@ BATCH = 2_000
 _PATH_DEPTH = 20
 _PATH = "Path"
 
+# The norm of a quaternion that is none.
+_NO_ROTATION = 1e-6
 _POINTS: dict[str, Any] = {"PointStamped": PointStamped, "NavSatFix": NavSatFix}
 
 KNOWN = {pose_type.ros_name: name for name, pose_type in POSE_TYPES.items()} | {
@@ -116,6 +118,7 @@ class Input:
         self._frame: str | None = None
         self._path = GrowingPath()
         self._points = Points()
+        self._has_turned = False  # whether a pose has come that has an orientation
         self.heard = False
         """Whether anything has come yet."""
         self.is_behind = False
@@ -205,10 +208,26 @@ class Input:
         if not messages:
             return None
         self.heard = True
-        decoded = self._decode(offer.type_name, messages)
+        decoded = self._without_none(self._decode(offer.type_name, messages))
         if len(decoded.samples):
             self._note_frames(decoded)
         return decoded
+
+    def _without_none(self, decoded: Decoded) -> Decoded:
+        """Poses whose orientations are all zero or not a number, as positions alone.
+
+        Until the first that has one: from then on such a pose is a wrong one.
+        """
+        quaternions = decoded.samples.quaternions
+        if self._has_turned or not decoded.has_orientation or not len(quaternions):
+            return decoded
+        with np.errstate(over="ignore"):
+            self._has_turned = bool((np.linalg.norm(quaternions, axis=1) > _NO_ROTATION).any())
+        if self._has_turned:
+            return decoded
+        unturned = np.tile([0.0, 0.0, 0.0, 1.0], (len(quaternions), 1))
+        samples = replace(decoded.samples, quaternions=unturned)
+        return replace(decoded, samples=samples, has_orientation=False)
 
     @property
     def _problem(self) -> str | None:
