@@ -165,3 +165,14 @@ def test_what_is_no_longer_covered() -> None:
     # Half as many poses a second cover as much.
     assert lost_seconds(stamps[::2], stamps) == 0.0
     assert lost_seconds(stamps, stamps[:500]) == 0.0
+
+
+def test_what_may_be_zero_is_no_ratio() -> None:
+    """A jitter of next to nothing, known to a millimetre, has no logarithm worth the name."""
+    nothing = model(1e-9)
+    nothing["error_model"]["translation"]["jitter_std"]["std"] = 1e-3
+    (found,) = unpaired(model(1e-3), nothing)
+    assert found.interval is None
+    assert found.reason == "zero"
+    assert not found.worse
+    assert unpaired(model(0.05), nothing)[0].worse

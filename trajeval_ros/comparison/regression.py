@@ -147,11 +147,11 @@ def _of_two_walks(ratio: float) -> tuple[float, float]:
 
 
 def _of_parameters(name: str, now: Figures, before: Figures) -> Change:
-    """Of two standard deviations that are lognormal, as positive ones are."""
+    """Of two standard deviations that are lognormal, as those are that are surely positive."""
     values = (now["value"], before["value"])
     shares = [
         None
-        if figure["std"] is None or not figure["value"] > 0.0
+        if figure["std"] is None or not figure["value"] > figure["std"]
         else figure["std"] / figure["value"]
         for figure in (now, before)
     ]
@@ -166,7 +166,7 @@ def _of_parameters(name: str, now: Figures, before: Figures) -> Change:
 
 
 def _of_a_zero(name: str, now: Figures, before: Figures) -> Change:
-    """Of two of which one is zero or has no standard deviation: as normal, where both have one."""
+    """Of two of which one may be zero, or has no standard deviation: normal, if both have one."""
     values = (now["value"], before["value"])
     if now["std"] is None or before["std"] is None:
         return Change(name, *values, None, None, "zero")
