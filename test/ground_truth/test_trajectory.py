@@ -606,3 +606,35 @@ def test_nothing_is_modelled_across_a_cut():
         assert not cut_run.is_cut(asked).any()
     between = (whole_run.stamps[place - 1] + whole_run.stamps[place]) // 2
     assert cut_run.is_cut(np.array([between])).all()
+
+
+# Rest
+
+
+def test_segments_that_rest_answer_as_before():
+    """Learned, from rest to motion, so that segments change their process on the way."""
+    times = regular(60.0, 50.0)
+
+    def stops_and_goes(seconds):
+        return motion(np.maximum(seconds - 12.0, 0.0))
+
+    samples = sampled(times, stops_and_goes)
+    awake, resting = (ground_truth(hyperparameters=None) for _ in range(2))
+    for begin in range(0, len(samples), 250):
+        for truth in (awake, resting):
+            truth.append(samples[begin : begin + 250])
+        resting.rest(int(samples.stamps[begin]), 500)
+    segments = [blended.segment for blended in resting._segmentation]
+    assert any(len(blended.segment.epochs) > 1 for blended in awake._segmentation)
+    # The newest 500 of 3,001 samples.
+    assert 0.7 < np.mean([segment.rests for segment in segments]) < 0.9
+    stamps = queries(samples, 300)
+    for _ in range(2):
+        expected, found = (
+            truth.posterior(stamps, stamps + SECOND // 5, twists=True) for truth in (awake, resting)
+        )
+        np.testing.assert_array_equal(found.poses, expected.poses)
+        np.testing.assert_array_equal(found.covariances, expected.covariances)
+        np.testing.assert_array_equal(found.twists.means, expected.twists.means)
+    assert all(segment.begun for segment in segments)
+    assert np.mean([segment.rests for segment in segments]) > 0.7

@@ -245,6 +245,10 @@ class Adaptation:
         self.count = 0
         """Number of samples taken."""
 
+    def anew(self) -> Adaptation:
+        """The same before its first sample."""
+        return Adaptation(self.process, self._regimes)
+
     def at(self, count: int) -> Epoch:
         """The epoch that answers with the first ``count`` samples."""
         return next(e for e in reversed(self.epochs) if e.first <= max(count, 1))

@@ -320,6 +320,15 @@ class Segment:
         return foreseen is not None and foreseen[0] is process and foreseen[1] == regimes
 
     @property
+    def rests(self) -> bool:
+        """Whether it answers only once it is made to `advance`, its process being known."""
+        return self._adaptation is not None and self._adaptation.count < len(self)
+
+    def rest(self) -> None:
+        """Drop the factorisation, most of the memory; `advance` makes the same again."""
+        self._adaptation = self._known.anew()
+
+    @property
     def _known(self) -> Adaptation:
         if self._adaptation is None:
             raise ValueError("the segment's process is not known yet")

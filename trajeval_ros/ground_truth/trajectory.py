@@ -124,6 +124,7 @@ class GroundTruth:
         self._begin: int | None = None
         self._agreed = 0  # so many segments began as was foreseen
         self._settled = 0  # the segments before this one are closed and conditioned
+        self._resting = 0  # those before this one rest
 
     @property
     def begin(self) -> int | None:
@@ -295,11 +296,10 @@ class GroundTruth:
         order = np.argsort(stamps, kind="stable")
         sorted_stamps = stamps[order]
         ends = sorted_stamps[[0, -1]].tolist() if len(stamps) else [0, 0]
-        parts = [
-            part
-            for blended in self._segmentation.between(*ends)
-            for part in _parts(blended, order, sorted_stamps, until)
-        ]
+        asked = list(self._segmentation.between(*ends))
+        resting = [each.segment for each in asked if each.segment.rests]
+        advance(resting)
+        parts = [part for each in asked for part in _parts(each, order, sorted_stamps, until)]
         found = answers(
             [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts], twists
         )
@@ -307,7 +307,25 @@ class GroundTruth:
         cross = None
         if joint is not None and len(stamps):
             cross = joint.extend(stamps, until, covariances, parts, found)
+        for segment in resting:
+            segment.rest()
         return Posterior(poses, covariances, self._sampled(stamps), cross, mixed)
+
+    def rest(self, before: int, samples: int) -> None:
+        """Let segments answer queries before ``before`` (ns) by being conditioned anew.
+
+        But for those of the newest ``samples``.
+        """
+        if len(self._stamps) <= samples or self._lesson is not None:
+            return
+        before = min(before, int(self._stamps[-samples]))
+        for blended in self._segmentation.since(self._resting):
+            if blended.outgoing is None or blended.outgoing.end > before:
+                break
+            if blended.index >= self._settled - 1:
+                break
+            blended.segment.rest()
+            self._resting = blended.index + 1
 
     def is_cut(self, stamps: Stamps) -> Mask:
         """Which of ``stamps`` (q,) lie where nothing is modelled, between samples before and after.

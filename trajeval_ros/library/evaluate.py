@@ -19,7 +19,7 @@ from trajeval_ros.online.feed import feed_evenly
 from trajeval_ros.online.parameters import ONE, of_estimate
 from trajeval_ros.report import Report
 from trajeval_ros.runs.kept import WholeRun
-from trajeval_ros.runs.offline import completed, why_none
+from trajeval_ros.runs.offline import completed, is_kept_whole, why_none
 from trajeval_ros.runs.position_only import note_orientations
 from trajeval_ros.runs.several import looked_at_together
 
@@ -100,7 +100,7 @@ def _evaluate(
 ) -> Results:
     names = tuple(estimates)
     parameters = parameters_of(settings, names)
-    whole = parameters["likelihood.covariance"] != "joint"
+    whole = is_kept_whole(parameters, len(truth), map(len, estimates.values()))
     engine = Engine(parameters, names, whole=whole)
     truth, estimates = _cut(truth, estimates, engine, start, end)
     records = {

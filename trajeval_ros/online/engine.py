@@ -27,7 +27,7 @@ from trajeval_ros.online.reference import Reference
 from trajeval_ros.online.results import Health, Notice, Results
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import Settings, settings_of
-from trajeval_ros.online.track import Track
+from trajeval_ros.online.track import CONDITIONED, Track
 
 Stamps = npt.NDArray[np.int64]
 
@@ -208,7 +208,11 @@ class Engine:
         """
         begins = [track.begin for track in self._tracks.values()]
         known = [begin for begin in begins if begin is not None]
-        if len(known) == len(begins) and not self._whole:
+        if len(known) < len(begins):
+            return
+        if self._whole:
+            self._reference.ground_truth.rest(min(known), CONDITIONED)
+        else:
             self._reference.ground_truth.forget(min(known))
 
     @property

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -52,8 +52,10 @@ _SECOND = 1_000_000_000
 _CHUNK = 40_000_000_000
 _POINTS = 120
 # The error model asks the ground truth anew at every offset of the clocks that it tries, so the
-# whole of it is kept, some kilobytes a sample. More samples than this are not.
+# whole of it is kept, a kilobyte a sample; and a fit of all poses takes 12 kB of each. Of more than
+# these the model is of blocks.
 _MOST_SAMPLES = 500_000
+_MOST_POSES = 30_000
 
 
 @dataclass(frozen=True)
@@ -101,11 +103,11 @@ def score(
     poses have been evaluated; ``describe``: what a summary has of a source, which is to read it all
     once more for its hash.
     """
-    whole = len(truth) <= _MOST_SAMPLES and parameters["likelihood.covariance"] != "joint"
+    estimates = {name: scoring.estimate.samples for name, scoring in scorings.items()}
+    whole = is_kept_whole(parameters, len(truth), map(len, estimates.values()))
     engine = Engine(parameters, tuple(scorings), whole=whole)
     note_orientations(engine, truth, {name: one.estimate for name, one in scorings.items()})
     kept = {name: WholeRun() for name in scorings}
-    estimates = {name: scoring.estimate.samples for name, scoring in scorings.items()}
     done = 0
     for found in feed_all(engine, truth.samples, estimates, _chunk(scorings)):
         for name, results in found.items():
@@ -138,6 +140,15 @@ def _swapped(
         *(Given(e.source, e.stamps, e.positions[0], e.quaternions[0]) for e in (truth, estimate))
     )
     return () if asked is None else (Notice("warning", "swapped", asked),)
+
+
+def is_kept_whole(parameters: Mapping[str, Value], samples: int, poses: Iterable[int]) -> bool:
+    """Whether all ground truth is kept, of so many samples, and error models are of whole runs.
+
+    ``poses``: how many each estimate has.
+    """
+    few = samples <= _MOST_SAMPLES and max(poses, default=0) <= _MOST_POSES
+    return few and parameters["likelihood.covariance"] != "joint"
 
 
 def _chunk(scorings: Mapping[str, Scoring]) -> int:
