@@ -144,3 +144,16 @@ def test_two_changes_are_found_where_they_are():
     assert (first.begin, second.begin) == (10 * SECOND - 1, 17 * SECOND - 1)
     assert (first.before, first.after) == pytest.approx((0.0, 0.05), abs=2e-3)
     assert (second.before, second.after) == pytest.approx((0.05, -0.01), abs=2e-3)
+
+
+@pytest.mark.parametrize("count", [5, 20, 60])
+def test_stretches_that_only_scatter_have_no_change(count):
+    rng = np.random.default_rng(3)
+    alarms = 0
+    for _ in range(1000):
+        std = 0.01 * np.exp(0.5 * rng.normal(size=count))
+        offsets = 1.5 * std * rng.normal(size=count)
+        begins = 5 * SECOND * np.arange(count)
+        known = zip(begins.tolist(), offsets.tolist(), std.tolist(), strict=True)
+        alarms += bool(clock_changes([Stretch(b, b + 5 * SECOND, o, s) for b, o, s in known]))
+    assert alarms <= 3

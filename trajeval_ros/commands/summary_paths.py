@@ -37,6 +37,8 @@ _KERNEL = "{,smooth_,rough_,correlated_noise_}"
 _ERROR_MODEL = f"""
 {{model,log_likelihood,nats_per_pose,nats_per_pose_uncorrected,chi2_per_dof,poses,fit}}
 {_BOTH}.{{jitter,drift,velocity,wander}}_std.{_VALUE} {_BOTH}.{{velocity,wander}}_time.{_VALUE}
+{_BOTH}.{{jitter,drift,velocity,wander}}_std.interval.* {_BOTH}.{{velocity,wander}}_time.interval.*
+{_BOTH}.long_run_drift{{,_by_distance}}.interval.*
 {_BOTH}.{{long,short}}_run_drift.{_VALUE} {_BOTH}.long_run_drift_by_distance.{_VALUE}
 {{clock_offset,clock_rate,scale}}.{_VALUE} clock_offset_by.{_BOTH}.{_VALUE}
 extrinsic.{_BOTH}.{_XYZ} extrinsic.pose.* covariance.*.* nats_per_pose_of.{{drift,velocity,wander}}

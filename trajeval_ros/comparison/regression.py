@@ -166,11 +166,20 @@ def _of_parameters(name: str, now: Figures, before: Figures) -> Change:
 
 
 def _of_a_zero(name: str, now: Figures, before: Figures) -> Change:
-    """Of two of which one may be zero, or has no standard deviation: normal, if both have one."""
+    """Of two of which one may be zero: as normal, where both are told."""
     values = (now["value"], before["value"])
-    if now["std"] is None or before["std"] is None:
+    stds = [_deviation(figure) for figure in (now, before)]
+    if None in stds:
         return Change(name, *values, None, None, "zero")
-    std = math.hypot(now["std"], before["std"])
+    std = math.hypot(*(each for each in stds if each is not None))
     apart = abs(values[0] - values[1])
     p_value = 2.0 * float(ndtr(-apart / std)) if std > 0.0 else float(apart <= EXACT)
     return Change(name, *values, None, p_value, "zero")
+
+
+def _deviation(figure: Figures) -> float | None:
+    """A figure's standard deviation, or what its interval's upper part says of one."""
+    if figure["std"] is not None:
+        return float(figure["std"])
+    high = (figure.get("interval") or (None, None))[1]
+    return None if high is None else (float(high) - float(figure["value"])) / _LIMIT_OF_95

@@ -10,14 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import stdtrit
 
 Array = npt.NDArray[np.float64]
 
-# What a change has to gain of chi-square, besides what the best of n places gains by chance; what
-# it has to gain over a steady rate; and how long it is at the least, s. The first is as rare as
-# five standard deviations of a Gaussian, by Student's distribution: the scatter that the standard
-# deviations come from is that of some forty stretches.
-_GAIN = 36.0
+# Of so many runs whose clock does not change, one is said to; at most, as places are taken for
+# independent.
+_RUNS = 1000.0
+# The stretches' standard deviations count like so many degrees of freedom, beside their scatter; of
+# that, each difference of neighbours tells so many by the median, which is that of χ² with one.
+_KNOWN = 10.0
+_OF_NEIGHBOURS = 0.25
+_MEDIAN = 0.4549
+# A change has to be e⁵ times as likely as a steady rate; and so long at the least, s.
 _OVER_RATE = 10.0
 _SHORTEST = 1e-3
 
@@ -72,7 +77,11 @@ def clock_changes(stretches: Sequence[Stretch]) -> tuple[ClockChange, ...]:
     known = [s for s in stretches if np.isfinite(s.std) and s.std > 0.0]
     offset, weight = np.array([s.offset for s in known]), np.array([s.std**-2 for s in known])
     when = np.array([0.5 * (s.begin + s.end) for s in known])
-    places = _places(offset, weight, (when - when[0]) * 1e-9 if len(known) else when)
+    if len(known) < 3:
+        return ()
+    scatter, rare = _scatter(offset, weight)
+    weight = weight / scatter
+    places = _places(offset, weight, (when - when[0]) * 1e-9, rare)
     if not places:
         return ()
     edges = [0, *places, len(known)]
@@ -94,7 +103,21 @@ def clock_changes(stretches: Sequence[Stretch]) -> tuple[ClockChange, ...]:
     )
 
 
-def _places(offset: Array, weight: Array, when: Array) -> list[int]:
+def _scatter(offset: Array, weight: Array) -> tuple[float, float]:
+    """By how much stretches (n,) scatter more than they should, in variance; and a rare χ².
+
+    By the median of what is between neighbours, which a few changes do not change. That is known
+    as well as it is, so that the χ² of the best of n places is the square of Student's.
+    """
+    apart = np.diff(offset) ** 2 / (1.0 / weight[1:] + 1.0 / weight[:-1])
+    told = _OF_NEIGHBOURS * len(apart)
+    degrees = _KNOWN + told
+    scatter = (_KNOWN + told * float(np.median(apart)) / _MEDIAN) / degrees
+    rare = float(stdtrit(degrees, 1.0 - 0.5 / (_RUNS * len(apart)))) ** 2
+    return max(scatter, 1.0), rare
+
+
+def _places(offset: Array, weight: Array, when: Array, rare: float) -> list[int]:
     """The numbers of the stretches before which the offset (n,) changes; when: s, increasing."""
     if len(offset) < 3:
         return []
@@ -107,9 +130,8 @@ def _places(offset: Array, weight: Array, when: Array) -> list[int]:
     k = int(np.argmax(gain))
     slow = when - weight @ when / total
     steady = (weight @ (slow * offset)) ** 2 / max(float(weight @ slow**2), 1e-300)
-    needed = max(_GAIN + 2.0 * np.log(len(offset)), steady + _OVER_RATE)
-    if gain[k] < needed or abs(step[k]) < _SHORTEST:
+    if gain[k] < max(rare, steady + _OVER_RATE) or abs(step[k]) < _SHORTEST:
         return []
-    left = _places(offset[: k + 1], weight[: k + 1], when[: k + 1])
-    right = _places(offset[k + 1 :], weight[k + 1 :], when[k + 1 :])
+    left = _places(offset[: k + 1], weight[: k + 1], when[: k + 1], rare)
+    right = _places(offset[k + 1 :], weight[k + 1 :], when[k + 1 :], rare)
     return [*left, k + 1, *(k + 1 + place for place in right)]

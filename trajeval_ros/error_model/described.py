@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.error_model.changes import Stretch, clock_changes
+from trajeval_ros.error_model.intervals import Profiles
 from trajeval_ros.error_model.likelihood import Likelihood, clustered_ratio, scatter
 from trajeval_ros.error_model.maximum import JUMP, penalty
 from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
@@ -29,10 +30,14 @@ _BLOCKS = 40
 _PART = 60
 _PART_DURATION = 5.0
 _FIXED = 1e16
-# Where a standard deviation is known no better than this, its logarithm is no Gaussian any more.
+# Where a parameter is known no better than this, its logarithm is no Gaussian any more.
 _ROUGH = 0.3
-# Below this curvature of log L (of log σ), a standard deviation is not told from none.
-_FLAT = 1.0
+# Of what is near nothing, scores may scatter by round-off: no more than this is believed.
+_LARGER = 2.0
+# Information of a logarithm that is round-off, to what it is raised, and what it is at the least.
+_ROUND_OFF, _RAISED, _LEAST = 1e-4, 1e-2, 1e-16
+# Of a logarithm: nothing can be told of it.
+_NO_INFORMATION = 1e-30
 
 
 def described(
@@ -129,70 +134,81 @@ def _stretches(
 
 
 def _groups(here: Likelihood, blocks: int) -> dict[str, dict[str, Figure]]:
-    """Each parameter's value and standard deviation, and the long-run drift's.
+    """Each parameter's value and standard deviation or interval, and the long-run drift's.
 
     Also by distance, at the mean speed.
     """
-    covariance = uncertainty(here, blocks)
+    near = _off_nothing(here)
+    covariance, ratio = uncertainty(near, blocks)
     names, data = here.kind.names, here.data
     size = len(names)
     way = float(np.linalg.norm(data.travel, axis=1).sum())
     speed = way / float(data.times[-1] - data.times[0])
     groups: dict[str, dict[str, Figure]] = {}
     for g, group in enumerate(GROUPS):
-        values = np.exp(here.parameters[g])
+        values, raised = np.exp(here.parameters[g]), np.exp(near.parameters[g])
         part = slice(g * size, (g + 1) * size)
         own = covariance[part, part]
+        profiles = None
         figures = {}
         for i, name in enumerate(names):
-            std = float(values[i]) * float(own[i, i]) ** 0.5
-            if not name.endswith("time") and not std < _ROUGH * values[i]:
-                std = max(np.nan_to_num(std), _upper_limit(here, g, i) - float(values[i]))
-            figures[name] = Figure(float(values[i]), std)
+            value = float(values[i])
+            relative = float(own[i, i]) ** 0.5 * float(raised[i] / value) ** 2
+            if relative < _ROUGH:
+                figures[name] = Figure(value, value * relative)
+                continue
+            profiles = Profiles(here, g) if profiles is None else profiles
+            larger = min(float(ratio[part][i]), _LARGER)
+            low, high = profiles.interval(i, relative / float(ratio[part][i]), larger)
+            std = value * relative if name.endswith("time") else np.nan
+            figures[name] = Figure(value, std, (min(low, value), max(high, value)))
         if here.kind is not Kind.WANDER:
-            drift = figures["long_run_drift"] = _long_run(values, own)
+            drift = figures["drift_std"]
+            if here.kind is Kind.VELOCITY:
+                drift = Figure(_long_run(values, own).value, _long_run(raised, own).std)
+            figures["long_run_drift"] = drift
             if speed > 0.0:
-                by_time = float(np.sqrt(speed))
-                by_distance = Figure(drift.value / by_time, drift.std / by_time)
-                figures["long_run_drift_by_distance"] = by_distance
+                figures["long_run_drift_by_distance"] = drift.divided(float(np.sqrt(speed)))
         else:
             figures["short_run_drift"] = _short_run(values, own)
         groups[group] = figures
     return groups
 
 
-def uncertainty(here: Likelihood, blocks: int) -> Array:
-    """The covariance of ψ, (2p, 2p); NaN of those at no optimum.
+def _off_nothing(here: Likelihood) -> Likelihood:
+    """The same, with what is so near nothing that its information is round-off raised from there.
+
+    Information of a logarithm goes with the fourth power of a standard deviation.
+    """
+    told = np.diag(here.average_information()).reshape(here.parameters.shape)
+    sizes = np.array([not name.endswith("time") for name in here.kind.names])
+    tiny = sizes & (told < _ROUND_OFF)
+    if not tiny.any():
+        return here
+    factor = (_RAISED / np.maximum(told, _LEAST)) ** 0.25
+    raised = here.parameters + np.where(tiny, np.log(factor), 0.0)
+    try:
+        return here.at(raised, here.weights)
+    except np.linalg.LinAlgError:
+        return here
+
+
+def uncertainty(here: Likelihood, blocks: int) -> tuple[Array, Array]:
+    """The covariance of ψ, (2p, 2p), and by how much it makes standard deviations larger, (2p,).
 
     From the average information, or where it is larger from the scores' scatter over so many
-    ``blocks`` of time (White's estimate). A standard deviation that runs to zero has no curvature
-    in its logarithm; see `_upper_limit`.
+    ``blocks`` of time (White's estimate). A component near nothing has little information in its
+    logarithm, but as much as ever in its variance: others know what it may take of theirs.
     """
     information = here.average_information()
-    known = np.diag(information) > _FLAT
-    covariance = np.full(information.shape, np.nan)
-    if known.any():
-        values, vectors = np.linalg.eigh(information[np.ix_(known, known)])
-        inverse = (vectors / np.maximum(values, 1e-3)) @ vectors.T
-        scores = here.scores().reshape(here.count, -1)[:, known]
-        scattered = inverse @ scatter(scores, blocks) @ inverse
-        ratio = np.sqrt(np.maximum(np.diag(scattered) / np.diag(inverse), 1.0))
-        covariance[np.ix_(known, known)] = inverse * ratio * ratio[:, None]
-    return covariance
-
-
-def _upper_limit(here: Likelihood, group: int, number: int) -> float:
-    """The value at which log L has fallen by ½: one standard deviation up from none."""
-    parameters = here.parameters.copy()
-    for _ in range(60):
-        parameters[group, number] += 0.5
-        try:
-            there = here.at(parameters, here.weights).value
-        except np.linalg.LinAlgError:
-            break
-        if there < here.value - 0.5:
-            break
-    return float(np.exp(parameters[group, number]))
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), _NO_INFORMATION))
+    values, vectors = np.linalg.eigh(unit[:, None] * information * unit)
+    vectors = unit[:, None] * vectors
+    inverse = (vectors / np.maximum(values, 1e-3)) @ vectors.T
+    scores = here.scores().reshape(here.count, -1)
+    scattered = inverse @ scatter(scores, blocks) @ inverse
+    ratio = np.sqrt(np.maximum(np.diag(scattered) / np.diag(inverse), 1.0))
+    return np.asarray(inverse * ratio * ratio[:, None]), np.asarray(ratio)
 
 
 def _long_run(values: Array, covariance: Array) -> Figure:

@@ -47,8 +47,9 @@ _FAR = 3.0
 _CONVERGED = 0.3
 # Where a Gauss-Newton step is longer (s), it is cut: the ground truth bends.
 _LONGEST_STEP = 0.1
-# A process with more parameters has to gain so many nats a parameter more (Akaike).
-_PENALTY = 1.0
+# A process with more parameters has to gain so many nats a parameter more: what four more, or two
+# with a time that nothing tells where there is none, gain by chance once in a hundred times.
+_PENALTY = 2.0
 # A search ends where another step gains less than this, nats: on the way, and at its end.
 _COARSE = 0.5
 _FINE = 0.05

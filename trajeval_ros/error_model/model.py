@@ -18,10 +18,22 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure with its standard deviation."""
+    """A figure with its standard deviation, or its 95 % interval.
+
+    interval: by the profile of the likelihood, where a parameter is near nothing, or hardly told:
+    from zero where it may be none, to infinity where nothing bounds it. Standard deviations of an
+    error have no standard deviation then (NaN).
+    """
 
     value: float
     std: float
+    interval: tuple[float, float] | None = None
+
+    def divided(self, factor: float) -> Figure:
+        """In another unit."""
+        ends = self.interval
+        scaled = None if ends is None else (ends[0] / factor, ends[1] / factor)
+        return Figure(self.value / factor, self.std / factor, scaled)
 
 
 @dataclass(frozen=True, slots=True)

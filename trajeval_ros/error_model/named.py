@@ -10,7 +10,7 @@ import numpy as np
 
 from trajeval_ros import se3
 from trajeval_ros.error_model.changes import joined
-from trajeval_ros.error_model.model import ErrorModel
+from trajeval_ros.error_model.model import ErrorModel, Figure
 from trajeval_ros.error_model.nuisances import NAMES
 from trajeval_ros.error_model.positions import PositionErrorModel
 from trajeval_ros.error_model.process import GROUPS, Kind
@@ -27,10 +27,7 @@ def named(model: ErrorModel) -> Figures:
     step = se3.log(nuisances.extrinsic)
     position, quaternion = se3.to_position_quaternion(nuisances.extrinsic)
     groups = {
-        group: {
-            name: {"value": figure.value, "std": figure.std if np.isfinite(figure.std) else None}
-            for name, figure in model.groups[group].items()
-        }
+        group: {name: _figure(figure) for name, figure in model.groups[group].items()}
         for group in GROUPS
     }
     return {
@@ -38,7 +35,7 @@ def named(model: ErrorModel) -> Figures:
         **groups,
         "clock_offset": {"value": nuisances.clock_offset, "std": float(std[0])},
         "clock_offset_by": {
-            group: asdict(each) for group, each in zip(GROUPS, model.clock_by_group, strict=False)
+            group: _figure(each) for group, each in zip(GROUPS, model.clock_by_group, strict=False)
         },
         "clock_rate": {"value": nuisances.clock_rate, "std": float(std[1])},
         "extrinsic": {
@@ -69,6 +66,17 @@ def named(model: ErrorModel) -> Figures:
         "clock_changes": [asdict(each) for each in model.clock_changes],
         "clock_stretches": [asdict(each) for each in joined(model.clock_stretches, _STRETCHES)],
     }
+
+
+def _figure(figure: Figure) -> Figures:
+    found: Figures = {"value": figure.value, "std": _finite(figure.std)}
+    if figure.interval is not None:
+        found["interval"] = [_finite(end) for end in figure.interval]
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def named_on_positions(model: PositionErrorModel) -> Figures:

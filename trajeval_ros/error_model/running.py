@@ -266,6 +266,13 @@ def _nuisances(blocks: Sequence[_Block]) -> tuple[Nuisances, Array]:
     return moved, 0.5 * (covariance + covariance.T)
 
 
+def _spread(figure: Figure) -> float:
+    """A standard deviation, or what stands for it: of an interval, half of its upper part."""
+    if figure.interval is not None and not np.isfinite(figure.std):
+        return 0.5 * (figure.interval[1] - figure.value)
+    return figure.std if np.isfinite(figure.std) else float("inf")
+
+
 def _groups(models: list[ErrorModel]) -> dict[str, dict[str, Figure]]:
     groups: dict[str, dict[str, Figure]] = {}
     for group, names in models[0].groups.items():
@@ -273,7 +280,7 @@ def _groups(models: list[ErrorModel]) -> dict[str, dict[str, Figure]]:
         for name in names:
             known = [m.groups[group][name] for m in models]
             value = np.maximum([f.value for f in known], 1e-300)
-            relative = np.array([f.std if np.isfinite(f.std) else np.inf for f in known]) / value
+            relative = np.array([_spread(f) for f in known]) / value
             weight = 1.0 / np.maximum(relative, 1e-2) ** 2
             if not weight.sum() > 0.0:
                 weight = np.ones(len(known))

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.error_model.axes import Axes, Series
-from trajeval_ros.error_model.likelihood import Data
+from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import climb, penalised
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.structure import starts
@@ -96,6 +96,14 @@ def search(kind: Kind, data: Data, gauge: Array, gain: float, begin: Guess | Non
 def by_group(guess: Guess, data: Data, gauge: Array) -> list[tuple[Array, Array]]:
     """θ (c,) and its covariance by translations alone and by rotations alone, at a maximum."""
     return _Search(guess.kind, data, gauge, 0.0).alone(guess)
+
+
+def chains(here: Likelihood) -> list[Axes]:
+    """The chains of both groups at a maximum of the likelihood, its nuisances taken off."""
+    data = here.data
+    count = data.nuisances.shape[2]
+    guess = Guess(here.kind, here.parameters, *here.weights, here.theta[:count], np.eye(count))
+    return _Search(here.kind, data, here.gauge, 0.0).at(guess, here.theta)
 
 
 def stretches(count: int) -> npt.NDArray[np.intp]:
@@ -185,6 +193,19 @@ class _Search:
             theta[:count],
             covariance[:count, :count],
         )
+
+    def at(self, guess: Guess, theta: Array) -> list[Axes]:
+        """The chains at a guess; theta: of all nuisances, (c,)."""
+        residual = self._both[:, -1] - np.tensordot(theta, self._both[:, :-1], (0, 1))
+        found: list[Axes] = []
+        for g in (1, 0):
+            errors = residual[g]
+            if g == 0 and self._kind is not Kind.WANDER:
+                errors = errors + self._turned(found[0].states[None, :, 0])[0]
+            measured, moved = guess.measured[:, g], guess.moved[:, g]
+            series = replace(self._series[g], errors=errors, measured=measured, moved=moved)
+            found.insert(0, Axes(self._kind, guess.parameters[g], series))
+        return found
 
     def _climbed(self, places: list[Axes] | None, theta: Array) -> list[Axes]:
         """Each group at its maximum, rotation first, given the nuisances."""

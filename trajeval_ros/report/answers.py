@@ -43,9 +43,19 @@ SHORT = 0.5
 _MANY = 1000.0
 
 
-def _number(value: float, std: float | None, factor: float = 1.0) -> str:
-    """A figure with its standard deviation, to two digits of the latter; to three with none."""
+def _number(
+    value: float, std: float | None, factor: float = 1.0, interval: list[float | None] | None = None
+) -> str:
+    """A figure with its standard deviation, to two digits of the latter; to three with none.
+
+    Of one that has an interval, that.
+    """
     value *= factor
+    if interval is not None:
+        low, high = (None if end is None else f"{end * factor:.2g}" for end in interval)
+        if high is None or low is None:
+            return f"> {low or f'{value:.2g}'}"
+        return f"{low} to {high}" if interval[0] else f"< {high}"
     if std is None:
         return f"{value:.3g}" if abs(value) < _MANY else f"{value:,.0f}"
     std *= factor
@@ -57,14 +67,15 @@ def _number(value: float, std: float | None, factor: float = 1.0) -> str:
 
 
 def _length(figure: Figures, unit: str = "") -> str:
-    value, std = figure["value"], figure["std"]
-    if max(abs(value), std or 0.0) < SHORT:
-        return f"{_number(value, std, 1e3)} mm{unit}"
-    return f"{_number(value, std)} m{unit}"
+    value, std, interval = figure["value"], figure["std"], figure.get("interval")
+    if max(abs(value), std or 0.0, *(end or 0.0 for end in interval or ())) < SHORT:
+        return f"{_number(value, std, 1e3, interval)} mm{unit}"
+    return f"{_number(value, std, 1.0, interval)} m{unit}"
 
 
 def _angle(figure: Figures, unit: str = "") -> str:
-    return f"{_number(figure['value'], figure['std'], math.degrees(1.0))} deg{unit}"
+    number = _number(figure["value"], figure["std"], math.degrees(1.0), figure.get("interval"))
+    return f"{number} deg{unit}"
 
 
 def first_lines(summary: Figures, parameters: Figures) -> list[str]:

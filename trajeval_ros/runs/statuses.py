@@ -26,6 +26,7 @@ NUMBERS = {
 
 # Of the error model, what is for ``summary.json`` alone.
 _MATRICES = ("covariance", "pose")
+_ENDS = ("low", "high")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -94,6 +95,10 @@ def error_models_of(entries: Mapping[str, float | str]) -> dict[str, dict[str, A
 def _put(figures: dict[str, Any], key: str, value: float | str) -> None:
     """Put a figure in its place: of one with a standard deviation, its value or that."""
     name, _, which = key.rpartition("_")
+    if name.endswith("_interval") and which in _ENDS:
+        found = figures.setdefault(name.removesuffix("_interval"), {"std": None})
+        found.setdefault("interval", [None, None])[_ENDS.index(which)] = value
+        return
     if which == "value" or (which == "std" and name in figures):
         figures.setdefault(name, {"std": None})[which] = value
     else:
@@ -112,6 +117,8 @@ def _components(prefix: str, figures: Mapping[str, Any]) -> Iterator[tuple[str, 
         elif isinstance(value, list) and key in ("value", "std"):
             for axis, component in zip("xyz", value, strict=True):
                 yield f"{prefix}{key}_{axis}", repr(float(component))
+        elif key == "interval":
+            yield from _entries(f"{prefix}{key}_", dict(zip(_ENDS, value, strict=True)))
         elif isinstance(value, list):
             yield f"{prefix}{key}", repr(float(len(value)))
         else:
