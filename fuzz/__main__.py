@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-FAMILIES = ("text", "bags", "cdr", "parameters")
+FAMILIES = ("text", "bags", "cdr", "parameters", "relations")
 _MEMORY = 8 << 30
 
 

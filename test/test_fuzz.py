@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from fuzz import __main__ as entry
-from fuzz import oracle, soak
+from fuzz import oracle, relations, soak
 from trajeval_ros.commands import evaluate
 from trajeval_ros.runs.session import Session
 
@@ -98,6 +98,37 @@ def test_the_oracle_counts(tmp_path: Path) -> None:
     likelihood = {"log_likelihood": 1.0, "chi2": 1.0, "log_det": 0.0, "dof": 6}
     with pytest.raises(oracle.Failure, match="parts"):
         check({**summary, "relative": likelihood})
+
+
+def test_what_differs_is_named() -> None:
+    first = {"a": {"b": [1.0, 2.0], "n": 3, "p_value": 0.0}, "consistency": 1e-16, "end": 5}
+    second = {"a": {"b": [1.0, 2.0], "n": 3, "p_value": 1e-9}, "consistency": 0.0, "end": 7}
+    assert list(relations.differences(first, second, ("end",), 1e-7)) == []
+    assert list(relations.differences(first, second, (), 1e-7)) == ["end: 5 and 7"]
+    second["a"] = {"b": [1.0, 2.000001], "n": 4, "more": None}
+    found = list(relations.differences(first, second, ("end",), 1e-7))
+    assert found[0] == "a.b[1]: 2 and 2.000001"
+    assert found[1:] == ["a.n: 3 and 4", "a.p_value: 0.0 and None"]
+
+
+def test_what_makes_a_difference_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Figures that depend on how they were fed are an engine's defect."""
+    summary = relations._summary
+
+    def hasty(settings: Any, pair: Any, chunk: int) -> Any:
+        found = summary(settings, pair, chunk)
+        found["coverage"]["time"] = 1e-9 * chunk
+        return found
+
+    monkeypatch.setattr(relations, "_summary", hasty)
+    became = [entry.run_case(SEED, number, _folder(tmp_path, number)) for number in (4, 9, 14, 29)]
+    assert any(found.failure and "coverage.time" in found.failure for found in became)
+
+
+def _folder(parent: Path, number: int) -> Path:
+    folder = parent / str(number)
+    folder.mkdir()
+    return folder
 
 
 def test_ten_minutes_of_stamps(tmp_path: Path) -> None:
