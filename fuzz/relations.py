@@ -33,7 +33,7 @@ _TOPICS = ("ground_truth", "estimate")
 _SAME, _ALIKE = 1e-7, 1e-2
 # Figures of round-off, of stamps, and of the world itself.
 _ROUND_OFF = ("consistency",)
-_OF_STAMPS = ("begin", "end", "text")
+_OF_STAMPS = ("begin", "end", "stamps", "text")
 _OF_WORLD = ("alignment", "observability", "text", "detail")
 
 
@@ -101,8 +101,11 @@ def _parts(samples: PoseSamples) -> tuple[Any, ...]:
 
 
 def _in_order(track: Track) -> PoseSamples:
-    """Rows in the order of their stamps, each once: late ones depend on when they come."""
-    stamps, first = np.unique(track.held(0, 2**62), return_index=True)
+    """Rows in the order of their stamps, each once: late ones depend on when they come.
+
+    Those at zero and before are not set, and would be hours later.
+    """
+    stamps, first = np.unique(track.held(SECOND, 2**62), return_index=True)
     return PoseSamples(stamps, track.positions[first], track.quaternions[first])
 
 

@@ -5,8 +5,12 @@
 import numpy as np
 import pytest
 from twins.profiles import Profile, noisy, samples
+from twins.runs import START, motion
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.faults import Faults
+from trajeval_ros.ground_truth.screen import Screen
+from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.stamps import HISTORY, slopes, stamp_noise
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
@@ -127,3 +131,19 @@ def test_few_segments_do_not_tell():
     times = np.arange(0.0, 2.0, 0.02)
     x = np.outer(times, np.ones(6)) + np.random.default_rng(0).normal(size=(100, 6)) * 0.01
     assert stamp_noise([(times, x)] * 3, ACCURACY) == 0.0
+
+
+def test_bursts_are_the_same_in_any_batches():
+    intervals = np.tile([0.04, 0.04, 0.04, 0.12, 2e-4, 2e-4], 20)
+    stamps = START + np.cumsum(np.rint(1e9 * intervals)).astype(np.int64)
+    late = Samples(stamps, motion((stamps - START) * 1e-9))
+    found = set()
+    for batch in (1, 5, 40, 120):
+        faults = Faults()
+        screen = Screen((5e-4, 1e-3), faults)
+        for begin in range(0, len(late), batch):
+            screen.accept(late[begin : begin + batch])
+        screen.conclude()
+        found.add(faults.found)
+    (named,) = found
+    assert [fault.code for fault in named] == ["stamp_bursts"]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,18 @@ def test_seconds_are_named_by_what_they_undo(run: Run, late: float, name: str) -
     assert name in cause.text
     # Once it is set it is none.
     assert far_offset(truth, estimate, -late, 1.5) == ()
+
+
+def test_rows_that_are_no_poses_do_not_matter(run: Run) -> None:
+    truth, estimate = trajectory(run.ground_truth), trajectory(run.estimate, 5.0)
+    expected = far_offset(truth, estimate, 0.0, 1.5)
+    spoilt = []
+    for each in (truth, estimate):
+        positions = each.positions.copy()
+        positions[[10, 20]] = [[1e308, -1e308, 1e308], [np.nan, np.inf, 0.0]]
+        spoilt.append(replace(each, positions=positions))
+    found = far_offset(spoilt[0], spoilt[1], 0.0, 1.5)
+    assert [cause.code for cause in found] == [cause.code for cause in expected] == ["time_base"]
 
 
 def test_what_is_only_bad_has_no_offset(run: Run) -> None:

@@ -206,8 +206,9 @@ class Screen:
 
     def _count_bursts(self, known: Samples, new: int) -> None:
         intervals = np.diff(known.stamps)
-        old = len(intervals) - new
-        if old < _FEWEST_STEPS:
+        old = max(len(intervals) - new, _FEWEST_STEPS)
+        new = len(intervals) - old
+        if new <= 0:
             return
         after, before = intervals[-new:], intervals[-new - 1 : -1]
         # What is usual costs more than the rest, and is no longer than the longest.

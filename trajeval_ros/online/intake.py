@@ -38,7 +38,7 @@ LEAP = 500_000_000
 _LONGEST_LEAP = 3_600_000_000_000
 # A first stamp of zero was set where the next comes within this (ns): time that begins at zero.
 _LONGEST_FIRST_STEP = 10_000_000_000
-_LARGEST_COORDINATE = 1e9
+LARGEST_COORDINATE = 1e9
 _NORM_TOLERANCE = 1e-2
 _ZERO_NORM = 1e-6
 
@@ -158,7 +158,7 @@ class Intake:
                 (Reason.NEGATIVE_STAMP, samples.stamps < 0),
                 (
                     Reason.IMPLAUSIBLE_POSITION,
-                    (np.abs(samples.positions) > _LARGEST_COORDINATE).any(axis=-1),
+                    (np.abs(samples.positions) > LARGEST_COORDINATE).any(axis=-1),
                 ),
                 (Reason.ZERO_QUATERNION, norm < _ZERO_NORM),
                 (Reason.UNNORMALIZED_QUATERNION, ~(np.abs(norm - 1.0) <= _NORM_TOLERANCE)),

@@ -16,9 +16,11 @@ from trajeval_ros.alignment.umeyama import align_positions
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.time_bases import Found, offsets_by_motion, usual_name
 from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.online.intake import LARGEST_COORDINATE
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 _SECOND = 1e9
 # An ATE of so much of the motion's extent is worth a search; what is found makes it this smaller.
@@ -78,7 +80,7 @@ def posed(trajectory: Trajectory) -> tuple[Stamps, Array]:
     """Increasing stamps (N,) and poses (N, 4, 4) of what is one."""
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(trajectory.quaternions, axis=1)
-    good = np.isfinite(trajectory.positions).all(axis=1) & (np.abs(norms - 1.0) < 1e-2)
+    good = _near(trajectory.positions) & (np.abs(norms - 1.0) < 1e-2)
     good[1:] &= trajectory.stamps[1:] > np.maximum.accumulate(trajectory.stamps)[:-1]
     positions, quaternions = trajectory.positions[good], trajectory.quaternions[good]
     return trajectory.stamps[good], se3.from_position_quaternion(positions, quaternions)
@@ -86,11 +88,13 @@ def posed(trajectory: Trajectory) -> tuple[Stamps, Array]:
 
 def _extent(positions: Array) -> float:
     """How far positions (N, 3) are from their mean, root mean square, m; infinite of none."""
-    finite = positions[np.isfinite(positions).all(axis=1)]
-    if len(finite) < 2:
-        return float("inf")
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.sqrt(finite.var(axis=0).sum()))
+    near = positions[_near(positions)]
+    return float(np.sqrt(near.var(axis=0).sum())) if len(near) > 1 else float("inf")
+
+
+def _near(positions: Array) -> Mask:
+    """Which positions (N, 3) are finite and no farther off than any."""
+    return np.asarray((np.abs(positions) <= LARGEST_COORDINATE).all(axis=1))
 
 
 def _rmse(known: tuple[Stamps, Array], other: tuple[Stamps, Array], offset: float) -> float | None:
