@@ -12,6 +12,8 @@ import numpy.typing as npt
 Stamps = npt.NDArray[np.int64]
 
 SECOND = 1_000_000_000
+# So many stamps are looked at together: a look costs the same for one.
+_TOGETHER = 2048
 # A stamp this far from the one before is believed when the next one confirms it: one message
 # stamped 1970 must not stretch the time axis over half a century.
 _LEAP = 3600 * SECOND
@@ -45,10 +47,23 @@ class Coverage:
         self._latest: int | None = None
         self._last: int | None = None
         self._unconfirmed: int | None = None
+        self._waiting: list[Stamps] = []
+        self._number_waiting = 0
 
     def add(self, stamps: Stamps) -> None:
         """Take in stamps as they come, in any order."""
-        believed = self._believed(np.asarray(stamps, np.int64))
+        self._waiting.append(np.asarray(stamps, np.int64))
+        self._number_waiting += len(stamps)
+        if self._number_waiting >= _TOGETHER:
+            self._take()
+
+    def _take(self) -> None:
+        """Look at those that wait."""
+        if not self._waiting:
+            return
+        stamps = np.concatenate(self._waiting)
+        self._waiting, self._number_waiting = [], 0
+        believed = self._believed(stamps)
         if len(believed) == 0:
             return
         self._count(believed)
@@ -109,20 +124,24 @@ class Coverage:
     @property
     def earliest(self) -> int | None:
         """Smallest stamp, or None before the first one."""
+        self._take()
         return self._earliest
 
     @property
     def latest(self) -> int | None:
         """Largest stamp, or None before the first one."""
+        self._take()
         return self._latest
 
     @property
     def total(self) -> int:
         """Number of stamps taken in."""
+        self._take()
         return int(self._counts.sum())
 
     def rate(self) -> tuple[Stamps, npt.NDArray[np.float64]]:
         """Edges of the bins in nanoseconds, (B + 1,), and the rate in each in hertz, (B,)."""
+        self._take()
         bins = np.arange(len(self._counts) + 1, dtype=np.int64)
         edges: Stamps = (self._first + bins) * np.int64(self._width)
         rates = np.asarray(self._counts * (SECOND / self._width), dtype=np.float64)
@@ -130,6 +149,7 @@ class Coverage:
 
     def gaps(self, longer_than: float) -> list[Gap]:
         """Gaps longer than this many seconds, in time order; the longest ones if there are many."""
+        self._take()
         return sorted(
             (gap for gap in self._gaps if gap.seconds > longer_than), key=lambda gap: gap.start
         )
