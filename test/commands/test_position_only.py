@@ -3,6 +3,7 @@
 """Ground truth without orientation: what the positions tell is right, all else is absent."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,24 @@ def test_the_positions_are_evaluated_and_orientations_are_left_out(
     assert set(model["extrinsic"]) == {"translation", "pose"}
     assert model["translation"]["jitter_std"]["value"] > 0.0
     assert "Kind of error jitter " in out
+    # Nowhere is there a figure of a rotation.
+    told = [line for line in out.splitlines() if not line.startswith("likely cause")]
+    assert not re.search(r"rotation|\brad\b|[0-9] deg", "\n".join(told))
+    del summary["parameters"], summary["likely_causes"]
+    assert rotations(summary) == []
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"Rotation, (motion|noise)|ATE, rotation|<td[^>]*>[^<]*[0-9]°", page)
+
+
+def rotations(figures: dict[str, Any], below: str = "") -> list[str]:
+    """Figures of a rotation, by their names."""
+    found = []
+    for key, value in figures.items():
+        if isinstance(value, dict):
+            found += rotations(value, f"{below}{key}.")
+        elif "rotation" in key and value is not None:
+            found.append(f"{below}{key}")
+    return found
 
 
 def test_what_positions_do_not_tell_cannot_be_applied(

@@ -109,11 +109,13 @@ def _errors(summary: Figures, parameters: Figures) -> list[str]:
         (f"RE, RMSE (over {step}, all pairs)", drift.get("all_pairs") or {}, "re_{}_rmse"),
         (f"noise-equivalent, {_last(parameters)}", window, "noise_equivalent_{}_std"),
     )
-    rows = [("Error", *_PARTS)]
+    position_only = summary.get("position_only")
+    rows: list[tuple[str, ...]] = [("Error", *(_PARTS[:1] if position_only else _PARTS))]
     for title, figures, key in named:
         translation, rotation = (figures.get(key.format(part)) for part in _PARTS)
         if (translation, rotation) != (None, None):
-            rows.append((title, metres(translation), degrees(rotation)))
+            row = (title, metres(translation), degrees(rotation))
+            rows.append(row[:2] if position_only else row)
     kitti = drift.get("kitti")
     if kitti is not None:
         translation = f"{number(100.0 * kitti['translation'])} %"

@@ -187,6 +187,17 @@ def learn(
     return Learned(model, grid, theta, accuracy, frozenset(regimes))
 
 
+def nothing(
+    model: Model, records: Sequence[Record], accuracy: float, soft_limit: float
+) -> Learned | None:
+    """What stands where there is nothing to learn from: no motion, and the instrument's noise."""
+    records = [record for record in records if len(record.times) > 3]
+    if not records:
+        return None
+    grid = Grid.of([r.times for r in records], [r.values for r in records], accuracy, soft_limit)
+    return Learned(model, grid, np.array(model.bounds(grid))[:, 0].round(_DECIMALS), accuracy)
+
+
 def _searched(
     model: Model, grid: Grid, records: Sequence[Record], starts: Sequence[Array], bounds: Array
 ) -> tuple[Point, list[Regime]]:

@@ -34,6 +34,7 @@ _TURNING = 0.5
 SAMPLES = 48
 SEGMENTS = 16
 _DIGITS = 7
+_ROTATION = 1
 # More noise than this (m, rad), or than four times the instrument's accuracy, is improbable.
 _SOFT_LIMITS = (2e-3, 5e-3)
 
@@ -43,7 +44,7 @@ class Lesson:
     """What the hyperparameters are learned from; what they are depends on it alone.
 
     ``moves``: whether there is motion in it; ``accuracy`` as of `Lessons`; ``before``: what motion
-    has taught so far.
+    has taught so far; where there is no orientation none is learned from.
     """
 
     model: Model
@@ -53,6 +54,7 @@ class Lesson:
     segments: Sequence[Segment]
     moves: bool
     before: Process | None
+    lacks_orientation: bool = False
 
     def learned(self) -> Process | None:
         """Return what is most probable: 0.1 s and more; None with too few samples."""
@@ -67,6 +69,8 @@ class Lesson:
         records = [_record(segment, columns, stamp_std) for segment in self.segments]
         accuracy = self.accuracy[group]
         soft_limit = max(_SOFT_LIMITS[group], 4.0 * accuracy)
+        if group == _ROTATION and self.lacks_orientation:
+            return learning.nothing(self.model, records, accuracy, soft_limit)
         theta = None
         if self.before is not None:
             assert self.before.learned is not None
@@ -94,6 +98,8 @@ class Lessons:
         self._patience = _FIRST
         self._process: Process | None = None
         self._taught_by_motion = False
+        self.lacks_orientation = False
+        """Whether the samples are of positions alone."""
 
     def add(self, segment: Segment) -> Lesson | None:
         """Take a closed segment; return the lesson that is due, which `take` is told the end of."""
@@ -135,7 +141,14 @@ class Lessons:
         self._changed = 0
         before = self._process if self._taught_by_motion else None
         return Lesson(
-            self._model, self._accuracy, self._exact_stamps, moving, segments, moves, before
+            self._model,
+            self._accuracy,
+            self._exact_stamps,
+            moving,
+            segments,
+            moves,
+            before,
+            self.lacks_orientation,
         )
 
 

@@ -126,6 +126,11 @@ class GroundTruth:
         self._settled = 0  # the segments before this one are closed and conditioned
         self._resting = 0  # those before this one rest
 
+    def note_without_orientation(self) -> None:
+        """The samples' orientations are none: nothing is learned from them."""
+        if self._lessons is not None:
+            self._lessons.lacks_orientation = True
+
     @property
     def begin(self) -> int | None:
         """Stamp before which nothing can be asked any more; None while all is retained."""

@@ -276,6 +276,8 @@ def check_consistency(health: Health, causes: Sequence[Cause] = ()) -> Status:
         )
     known = health.hyperparameters
     groups = {} if known is None else {"translation": known.translation, "rotation": known.rotation}
+    if not health.truth_turns:
+        groups.pop("rotation", None)
     values: dict[str, object] = {
         "segments": health.segments,
         "relative_difference": health.consistency,
@@ -320,7 +322,10 @@ def check_process(health: Health) -> Further:
     fit = health.fit
     if fit is not None:
         fits = max(fit.mean_squares) < _MISFIT
-        values |= fit.named | {"segments_adapted": fit.adapted}
+        named = {k: v for k, v in fit.named.items() if health.truth_turns or "rotation" not in k}
+        values |= named | {"segments_adapted": fit.adapted}
+        if not health.truth_turns:
+            values["orientation"] = "none: positions alone"
         values["process"] = "fits" if fits else "does not fit"
         if not fits:
             findings.append(Finding(Level.WARN, "its process does not fit its samples"))

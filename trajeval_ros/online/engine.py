@@ -119,7 +119,7 @@ class Engine:
         Before the first pose: positions that have been scored with an orientation are left out.
         """
         if name is None:
-            self._reference.lacks_orientation = True
+            self._reference.note_without_orientation()
         else:
             self._track(name).lacks_orientation = True
 

@@ -27,6 +27,7 @@ from trajeval_ros.online.turned import CONSTANT, Turned
 
 Stamps = npt.NDArray[np.int64]
 
+_OF_ROTATION = "; rotation"
 LEARNED = "hyperparameters_learned"
 _OF_GROUND_TRUTH = "ground_truth_"
 
@@ -37,7 +38,7 @@ class Reference:
     def __init__(self, settings: GroundTruthSettings, *, beside: bool = False) -> None:
         """Start without samples; ``beside`` as of `GroundTruth`."""
         self._learned = settings.learned
-        self._lesson: tuple[Hyperparameters, Notice] | None = None
+        self._lesson: tuple[Hyperparameters, str] | None = None
         self._intake = Intake(settings.use_covariance, settings.axes)
         self._faults = Faults()
         self._disorder = Disorder()
@@ -61,6 +62,11 @@ class Reference:
     def newest(self) -> int | None:
         """Stamp (ns) of the newest sample let in."""
         return self._intake.last
+
+    def note_without_orientation(self) -> None:
+        """The samples' orientations are none."""
+        self.lacks_orientation = True
+        self.ground_truth.note_without_orientation()
 
     @property
     def never_turns(self) -> bool:
@@ -124,17 +130,24 @@ class Reference:
         found, self._fresh = tuple(self._fresh), []
         return found
 
-    def learned(self) -> tuple[Notice, ...]:
-        """What has been learned, if it is to be."""
+    @property
+    def has_orientation(self) -> bool:
+        """Whether there are orientations, as far as it shows: they are given, and change."""
+        return not (self.lacks_orientation or self.never_turns)
+
+    def learned(self, of_positions: bool) -> tuple[Notice, ...]:
+        """What has been learned, if it is to be; ``of_positions`` alone, where there is no more."""
         hyperparameters = self.ground_truth.hyperparameters
         if hyperparameters is None or not self._learned:
             return ()
         fit = self.ground_truth.fit
         # Each estimate asks, and the words cost more than the rest of what it asks for.
         if self._lesson is None or self._lesson[0] is not hyperparameters:
-            described = Notice("info", LEARNED, _described(hyperparameters))
-            self._lesson = (hyperparameters, described)
-        found = [self._lesson[1]]
+            self._lesson = (hyperparameters, _described(hyperparameters))
+        text = self._lesson[1]
+        if of_positions:
+            text = text[: text.index(_OF_ROTATION)]
+        found = [Notice("info", LEARNED, text)]
         if fit is not None and fit.stamp_std:
             text = f"the ground truth's stamps are uncertain to {1e3 * fit.stamp_std:.2g} ms"
             found.append(

@@ -134,3 +134,5 @@ class Health:
     consistency: float | None
     faults: tuple[Fault, ...] = ()
     fit: Fit | None = None
+    truth_turns: bool = True
+    """Whether the ground truth has orientations."""

@@ -21,15 +21,20 @@ Figures = dict[str, Any]
 _KEPT = ("poses", "pairs", "ate_translation_rmse", "ate_translation", "re_delta", "re_unit")
 
 
-def on_positions(summary: Mapping[str, Any], found: PositionError | None) -> Figures:
+def on_positions(
+    summary: Mapping[str, Any], found: PositionError | None, *, truth_turns: bool
+) -> Figures:
     """The summary with None for what contains an orientation, and with what positions tell.
 
+    ``truth_turns``: whether the ground truth has orientations, and the estimate has none.
     ``lever_arm``: where the ground truth's point is in the estimate's body; None where the motion
     does not show it. ``found``: of all evaluated poses; None with fewer than two.
     """
     result = {**summary, "position_only": True, "lever_arm": None}
     for part in ("relative", "absolute"):
         result[part] = _emptied(summary[part])
+    if not truth_turns:
+        result["ground_truth"] = _of_positions(summary["ground_truth"])
     conventional = dict(summary["conventional"])
     for key in conventional:
         if key.endswith("_rmse") and key not in _KEPT:
@@ -78,6 +83,17 @@ def drift_on_positions(drift: Mapping[str, Any]) -> Figures:
     """Of the figures over sub-trajectories the path alone."""
     nothing: Figures = dict.fromkeys(drift)
     return {**nothing, "path_length": drift.get("path_length"), "sub_trajectories": []}
+
+
+def _of_positions(truth: Mapping[str, Any]) -> Figures:
+    """Of the process, what is of the positions."""
+    result = dict(truth)
+    if truth.get("fit") is not None:
+        fit = dict(truth["fit"])
+        result["fit"] = {**fit, **dict.fromkeys(key for key in fit if key.startswith("rotation"))}
+    if truth.get("hyperparameters") is not None:
+        result["hyperparameters"] = {**truth["hyperparameters"], "rotation": None}
+    return result
 
 
 def _relative(found: PositionError, poses: int) -> Figures:

@@ -246,8 +246,7 @@ class Track:
 
     def _drop_positions(self) -> None:
         """Positions alone are looked at as long as it may turn out that there is nothing else."""
-        reference = self._reference
-        if not (self.lacks_orientation or reference.lacks_orientation or reference.never_turns):
+        if self._reference.has_orientation and not self.lacks_orientation:
             self._evaluation.drop_positions()
 
     def _score(
@@ -472,7 +471,8 @@ class Track:
         return notices_on_positions(found) if self.is_position_only else found
 
     def _all_notices(self, undetermined: bool) -> tuple[Notice, ...]:
-        found = list(self._reference.learned())
+        of_positions = self.is_position_only and not self._reference.has_orientation
+        found = list(self._reference.learned(of_positions))
         consistency = self._evaluation.consistency
         if consistency is not None and consistency > _SELF_CHECK:
             found.append(
@@ -529,6 +529,7 @@ class Track:
             self._consistency,
             self._reference.faults,
             self._ground_truth.fit,
+            self._reference.has_orientation or not self.is_position_only,
         )
 
     @property
@@ -551,7 +552,8 @@ class Track:
         """The figures without what contains an orientation, where there is none."""
         if not self.is_position_only:
             return figures
-        return on_positions(figures, self._evaluation.positions)
+        turns = self._reference.has_orientation
+        return on_positions(figures, self._evaluation.positions, truth_turns=turns)
 
     def summary(self) -> dict[str, object]:
         """Return the figures of the run so far, as ``summary.json`` has them."""

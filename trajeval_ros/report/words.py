@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -172,17 +172,20 @@ def tiles(run: Run, series: Series | None) -> list[Row]:
     estimate = summary["estimate"]
     gauge = "not aligned" if summary["gauge"] == "none" else f"aligned, {summary['gauge']}"
     ratio = likelihood.get("chi2_per_dof")
+    rotation = f"and {angle(conventional.get('ate_rotation_rmse'))}, "
+    of_positions = summary.get("position_only")
+    relative = (
+        f"RE over {_step(run)}",
+        length(conventional.get("re_translation_rmse")),
+        f"and {angle(conventional.get('re_rotation_rmse'))}, RMSE",
+    )
     return [
         (
             "ATE, absolute error",
             length(conventional.get("ate_translation_rmse")),
-            f"and {angle(conventional.get('ate_rotation_rmse'))}, RMSE, {gauge}",
+            f"{'' if of_positions else rotation}RMSE, {gauge}",
         ),
-        (
-            f"RE over {_step(run)}",
-            length(conventional.get("re_translation_rmse")),
-            f"and {angle(conventional.get('re_rotation_rmse'))}, RMSE",
-        ),
+        *([] if of_positions else [relative]),
         ("Coverage", *_coverage(summary["coverage"])),
         (
             f"{which.capitalize()} log-likelihood",
@@ -359,10 +362,22 @@ def figures(run: Run) -> list[Row]:
         *_over_all_pairs(run.summary.get("drift") or {}, _step(run)),
         *_kitti(run.summary.get("drift") or {}),
     ]
+    if summary.get("position_only"):
+        return _of_positions(rows)
     if summary["gauge"] == "sim3":
         # A step of the estimate is not in metres, and its likelihood means nothing.
         return [row for row in rows if not row[0].startswith(_UNSCALED)]
     return rows
+
+
+def _of_positions(rows: Iterable[Row]) -> list[Row]:
+    """The rows that need no orientation, without what is of one."""
+    both = ", translation and rotation"
+    return [
+        (title.removesuffix(both), value.removesuffix(f", {_DASH}"), text)
+        for title, value, text in rows
+        if ", rotation," not in title and not title.startswith(("RE over", "RE, ", "Noise"))
+    ]
 
 
 def _over_all_pairs(drift: Mapping[str, Any], step: str) -> list[Row]:
@@ -452,6 +467,8 @@ def model(run: Run) -> list[Row]:
     source = "learned from the first segments" if learned else "as set by parameter"
     for group, show in (("translation", length), ("rotation", angle)):
         values = hyperparameters[group]
+        if values is None:  # of positions alone
+            continue
         for name, title in _COMPONENTS.items():
             scale = values.get(f"{name}length_scale")
             std = values.get(f"{name}std", values.get(f"{name}signal_std"))
@@ -462,8 +479,12 @@ def model(run: Run) -> list[Row]:
         rows.append((f"{group.capitalize()}, noise", show(values["noise_std"]), "of one sample"))
     fit = truth.get("fit")
     if fit is not None:
-        means = f"{fit['translation_mean_square']:.2g}, {fit['rotation_mean_square']:.2g}"
-        rows.append(("Fit, translation and rotation", means, "1 is a process that fits"))
+        means = f"{fit['translation_mean_square']:.2g}"
+        if fit["rotation_mean_square"] is None:
+            rows.append(("Fit", means, "1 is a process that fits"))
+        else:
+            means = f"{means}, {fit['rotation_mean_square']:.2g}"
+            rows.append(("Fit, translation and rotation", means, "1 is a process that fits"))
         adapted = f"{fit['segments_adapted']:,} of {fit['segments_closed']:,}"
         rows.append(("Segments that changed it", adapted, "their samples refuted it"))
         if fit["stamp_std"]:
