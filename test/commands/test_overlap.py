@@ -65,6 +65,17 @@ def test_frame_numbers_lead_with_the_share(
     assert "the estimate's stamps look like frame numbers (0, 1, ...)" in out
 
 
+def test_milliseconds_of_which_none_is_evaluated(
+    run: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = restamped(run[0], tmp_path / "truth.txt", lambda s: s)
+    counted = restamped(run[1], tmp_path / "counted.txt", lambda s: 50.0 + 1e3 * s)
+    assert evaluate.main(["tum", str(truth), str(counted)]) == 1
+    line = capsys.readouterr().err
+    assert "could be evaluated" in line
+    assert "Likely reason: the estimate's stamps are milliseconds, by their size" in line
+
+
 def test_whole_seconds_are_said(
     run: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -85,8 +85,13 @@ def small_share(
     text += " are evaluated, and the figures are of these"
     if reason is not None:
         text += f": {count:,} {reason}, {Reason(reason).explanation}"
+    return text + by_stamps(reason, truth, estimate, applied)
+
+
+def by_stamps(reason: str | None, truth: Trajectory, estimate: Trajectory, applied: float) -> str:
+    """What the sizes of the stamps say of a ``reason`` of rejection: a clause, or nothing."""
     shift = round(applied * SECOND)
+    if reason not in (Reason.NO_GROUND_TRUTH, Reason.OUTSIDE_GROUND_TRUTH):
+        return ""
     cause = time_base(np.sort(truth.stamps), np.sort(estimate.stamps + shift), applied)
-    if cause is not None and reason in (Reason.NO_GROUND_TRUTH, Reason.OUTSIDE_GROUND_TRUTH):
-        text += f". Likely reason: {cause.text}. To try: {cause.advice}"
-    return text
+    return "" if cause is None else f". Likely reason: {cause.text}. To try: {cause.advice}"

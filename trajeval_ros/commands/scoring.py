@@ -17,7 +17,7 @@ from trajeval_ros.commands.baseline import Baseline, Judgement, judge
 from trajeval_ros.commands.console import CommandError, Progress
 from trajeval_ros.commands.exports import Exports, Finished
 from trajeval_ros.commands.inputs import Inputs
-from trajeval_ros.commands.overlap import small_share
+from trajeval_ros.commands.overlap import by_stamps, small_share
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.files.output import (
     FILES,
@@ -126,7 +126,7 @@ def _write(runs: Mapping[str, _Run], found: Mapping[str, Scored]) -> list[str]:
     failures = []
     for name, run in runs.items():
         try:
-            _require_poses(found[name], run.scoring.estimate)
+            run.require_poses(found[name])
         except CommandError as error:
             # One of several costs itself alone.
             if len(runs) == 1:
@@ -282,6 +282,22 @@ class _Run:
             self._full = str(error)
         report = Report(self._parameters, self._sources)
         self.scoring = Scoring(estimate, report, self._folder)
+
+    def require_poses(self, scored: Scored) -> None:
+        """Refuse it where not a single pose could be evaluated; say why, by the stamps too."""
+        estimate, counts = self.scoring.estimate, scored.summary["estimate"]["rejected"]
+        why = offline.why_none(estimate.source, len(estimate), scored.summary)
+        if why is None:
+            return
+        reason = max(counts, key=lambda each: int(counts[each]), default=None)
+        offset = float(self._parameters["estimate.time_offset"])  # type: ignore[arg-type]
+        said = shield(
+            "the likely reason",
+            lambda: by_stamps(reason, self._truth, estimate, offset),
+            "",
+            self.scoring.report.say,
+        )
+        raise CommandError(f"{why}{said}")
 
     def write(self, scored: Scored) -> None:
         """Write the output folder, if there is to be one."""
