@@ -69,7 +69,7 @@ def test_milliseconds_of_which_none_is_evaluated(
     run: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     truth = restamped(run[0], tmp_path / "truth.txt", lambda s: s)
-    counted = restamped(run[1], tmp_path / "counted.txt", lambda s: 50.0 + 1e3 * s)
+    counted = restamped(run[1], tmp_path / "counted.txt", lambda s: 1e3 * (s - s[0]))
     assert evaluate.main(["tum", str(truth), str(counted)]) == 1
     line = capsys.readouterr().err
     assert "could be evaluated" in line
