@@ -42,6 +42,7 @@ pytest.importorskip("distributed")
 pytest.importorskip("pyarrow")
 
 Done = tuple[Path, list[Row]]
+HALL = "ground_truth/hall.txt"
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +102,57 @@ def test_rows_are_those_of_single_evaluations(done: Done) -> None:
         jitter = summary["error_model"]["translation"]["jitter_std"]["value"]
         assert row["error_model.translation.jitter_std.value"] == pytest.approx(jitter, rel=1e-6)
         assert row["parameters.gauge"] == gauge
+
+
+def test_bags_give_the_rows_of_the_files_that_they_were_made_of(
+    done: Done, tmp_path: Path, client: Any
+) -> None:
+    """The ground truth in a bag of its own, each run in another: a file that is none beside."""
+    pytest.importorskip("rosbags", reason="needs the extra bags")
+    from twins.bags import write_bag
+
+    source, rows = done
+    write_bag(tmp_path / "hall", {"/mocap": te.read_tum(source.parent / HALL).data})
+    for system in ("vins", "wheels-2"):
+        estimate = te.read_tum(source.parent / f"results/{system}/hall/0.txt").data
+        (tmp_path / "runs" / system).mkdir(parents=True)
+        write_bag(tmp_path / f"runs/{system}/hall_0", {"/odom": estimate, "/other": estimate})
+    write_bag(tmp_path / "runs/vins/hall_1", {"/other": estimate})
+    manifest = tmp_path / "manifest.yaml"
+    manifest.write_text(
+        "parameters: {relative.delta: 0.5}\n"
+        "estimates: {pattern: 'runs/{system}/{sequence}_{run}', topic: /odom}\n"
+        "sequences: {hall: {ground_truth: hall, topic: /mocap}}\n"
+    )
+    found = evaluated(manifest, tmp_path / "out", client)
+    good = [row for row in found if row["status"] == OK]
+    assert [(row["system"], row["run"]) for row in good] == [("vins", "0"), ("wheels-2", "0")]
+    for row in good:
+        (other,) = [
+            each
+            for each in rows
+            if (each["system"], each["sequence"], each["run"]) == (row["system"], "hall", "0")
+        ]
+        # A bag's stamps are whole nanoseconds, and so are the file's.
+        assert figures(row) == pytest.approx(figures(other), rel=1e-6, abs=1e-9)
+        assert row["estimate_sha256"] != other["estimate_sha256"]
+    (bad,) = [row for row in found if row["status"] != OK]
+    assert bad["run"] == "1"
+    assert "/odom" in str(bad["error"])
+    # Content decides, of a folder as of a file; and so does the topic.
+    again = evaluated(manifest, tmp_path / "out", client, resume=True)
+    assert [row["wall_time"] for row in again] == [row["wall_time"] for row in found]
+    manifest.write_text(manifest.read_text().replace("/odom", "/other"))
+    others = evaluated(manifest, tmp_path / "out", client, resume=True)
+    assert [row["status"] for row in others] == [OK, OK, OK]
+
+
+def test_the_processes_of_the_own_cluster_keep_no_profile(client: Any) -> None:
+    """It grows by 10 MB a minute."""
+    import dask
+
+    kept = client.run(dask.config.get, "distributed.worker.profile.enabled")
+    assert set(kept.values()) == {False}
 
 
 DATA = ROOT / ".." / "shared" / "data" / "euroc_mh04"

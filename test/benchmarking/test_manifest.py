@@ -54,6 +54,17 @@ def test_a_good_one_names_every_run(folder: Path) -> None:
         ("- 1\n", "1: the manifest must be a mapping"),
         ("sequences:\n  hall: {ground_truth: gt.txt}\n", "1: estimates is missing"),
         (GOOD.replace("gt.txt", "absent.txt"), "3: sequence hall: ground_truth: there is no"),
+        (
+            GOOD.replace("gt.txt", "gt.txt, format: bag"),
+            "3: sequence hall: ground_truth: a bag, but",
+        ),
+        (
+            GOOD.replace(
+                "'r/{system}/{sequence}/{run}.txt'",
+                "{pattern: 'r/{system}/{sequence}/{run}.txt', format: bag}",
+            ),
+            "3: sequence hall: its estimates: a bag, but which topic of it? set topic",
+        ),
         (GOOD + "sequencess: {}\n", "4: unknown key sequencess; did you mean sequences?"),
         (GOOD + "parameters: {gauge: sim4}\n", "4: gauge must be one of"),
         (GOOD + "parameters:\n  gp.kernal: matern52\n", "5: unknown parameter gp.kernal; did"),

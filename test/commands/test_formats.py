@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from twins.bags import write_bag
 
 from trajeval_ros import se3
 from trajeval_ros.commands import evaluate, inputs, replay
@@ -184,7 +185,7 @@ def test_names_of_estimates_are_those_of_their_places() -> None:
 def test_a_file_and_a_topic_two_bags(more: Path, tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="needs the extra bags")
     for name in ("gt", "est"):
-        write_bag(tmp_path / f"{name}: one", read_tum(more / f"{name}.tum"), f"/{name}")
+        write_bag(tmp_path / f"{name}: one", {f"/{name}": read_tum(more / f"{name}.tum")})
     truth, estimate = (f"bag:{tmp_path}/{name}: one:/{name}" for name in ("gt", "est"))
     for arguments in (
         (truth, estimate),
@@ -196,27 +197,6 @@ def test_a_file_and_a_topic_two_bags(more: Path, tmp_path: Path) -> None:
         data = read(*arguments)
         same(data.ground_truth, read_tum(more / "gt.tum"))
         same(data.estimate, read_tum(more / "est.tum"))
-
-
-def write_bag(path: Path, trajectory: Trajectory, topic: str) -> None:
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    kinds = store.types
-    kind = "geometry_msgs/msg/PoseStamped"
-    with Writer(path, version=9) as writer:
-        connection = writer.add_connection(topic, kind, typestore=store)
-        for stamp, p, q in zip(
-            trajectory.stamps.tolist(), trajectory.positions, trajectory.quaternions, strict=True
-        ):
-            time = kinds["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-            header = kinds["std_msgs/msg/Header"](stamp=time, frame_id="map")
-            pose = kinds["geometry_msgs/msg/Pose"](
-                kinds["geometry_msgs/msg/Point"](*p), kinds["geometry_msgs/msg/Quaternion"](*q)
-            )
-            message = kinds[kind](header=header, pose=pose)
-            writer.write(connection, stamp, store.serialize_cdr(message, kind))
 
 
 def test_strict_refuses_what_is_read_differently(

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -207,8 +208,8 @@ class _Reader:
             return None
         path = self._file(found["ground_truth"], f"sequence {name}: ground_truth")
         truth = self._source(found, path or "")
-        if path is not None and truth.format is None and truth.topic is None:
-            self._recognise(found["ground_truth"], path)
+        if path is not None:
+            self._recognise(found["ground_truth"], f"sequence {name}: ground_truth", truth)
         own = self._parameters(found["parameters"]) if "parameters" in found else {}
         parameters: Mapping[str, Value] = {}
         try:
@@ -223,6 +224,10 @@ class _Reader:
         )
         if not runs:
             self._wrong(node, f"sequence {name}: no file matches {pattern.of_sequence(name)}")
+        else:
+            # Of the first alone: there may be thousands, and each tells of itself in its row.
+            with contextlib.suppress(TrajectoryFileError):
+                self._topic_is_named(node, f"sequence {name}: its estimates", runs[0].source)
         self._told_apart(node, runs)
         return Sequence(name, truth, parameters, runs)
 
@@ -234,12 +239,15 @@ class _Reader:
             if other != run.source.path:
                 self._wrong(node, f"{other} and {run.source.path} are the same run")
 
-    def _recognise(self, node: Any, path: str) -> None:
+    def _recognise(self, node: Any, what: str, source: Source) -> None:
         try:
-            if recognise(path).format == "bag":
-                self._wrong(node, "ground_truth is a bag: which topic of it? set topic")
+            self._topic_is_named(node, what, source)
         except TrajectoryFileError as error:
             self._wrong(node, str(error))
+
+    def _topic_is_named(self, node: Any, what: str, source: Source) -> None:
+        if source.topic is None and (source.format or recognise(source.path).format) == "bag":
+            self._wrong(node, f"{what}: a bag, but which topic of it? set topic")
 
     def _parameters(self, node: Any) -> dict[str, Any]:
         values: dict[str, Any] = {}
