@@ -176,7 +176,7 @@ def test_scale_follows_the_data_from_the_prior():
         assert value == pytest.approx(expected, rel=1e-5, abs=1e-5)
     factors = scale(squares, counts, 3, 0.5)
     assert factors[0] == pytest.approx(1.0, abs=1e-4)
-    assert factors[3] == pytest.approx((20.0 + squares[3]) / (20.0 + 3 * 79))
+    assert factors[3] == pytest.approx((gp_twin.NU + squares[3]) / (gp_twin.NU + 3 * 79))
     assert scale(np.zeros(1), np.array([1000]), 3, 0.5)[0] == 0.5
 
 

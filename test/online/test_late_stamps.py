@@ -161,6 +161,30 @@ def test_rounded_stamps_are_named(rate, tick, named):
         assert engine.summary()["ground_truth"]["fit"]["stamp_std"] > 0.25
 
 
+@pytest.mark.parametrize("rate", [0.45, 0.7, 0.9])
+def test_whole_seconds_are_as_uncertain_as_they_are(rate):
+    rng = np.random.default_rng(0)
+    profile = Profile(rng, ("drive", 200))
+    times = np.arange(0.3, profile.duration - 1.0, 1.0 / rate)
+    data = samples(np.floor(times), noisy(rng, profile.at(times), 2e-3, 1e-3))
+    # What is asked before it could be told is left out.
+    asked = np.arange(100.0, profile.duration - 8.0, 0.5)
+    engine, error, anees = scored(data, profile, asked, **{"ground_truth.max_gap": 4.0})
+    assert np.sqrt(np.mean(error[:, :3] ** 2)) > 0.1
+    assert 0.4 < anees < 2.5
+    assert engine.summary()["ground_truth"]["fit"]["stamp_std"] == pytest.approx(3.0**-0.5, 1e-4)
+
+
+def test_missing_samples_are_no_rounding():
+    # One in a whole second, by a clock that is right, and some of them missing.
+    rng = np.random.default_rng(5)
+    profile = Profile(rng, ("drive", 200))
+    times = np.arange(1.0, profile.duration - 1.0)[rng.random(int(profile.duration) - 2) > 0.3]
+    data = samples(times, noisy(rng, profile.at(times), 2e-3, 1e-3))
+    engine, _, _ = scored(data, profile, np.arange(100.0, 190.0, 0.5))
+    assert engine.summary()["ground_truth"]["fit"]["stamp_std"] == 0.0
+
+
 def test_samples_taken_on_ticks_are_not_rounded():
     rng = np.random.default_rng(4)
     profile = Profile(rng, ("hand", 60))

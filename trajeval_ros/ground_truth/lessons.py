@@ -58,11 +58,12 @@ class Lesson:
 
     def learned(self) -> Process | None:
         """Return what is most probable: 0.1 s and more; None with too few samples."""
-        stamp_std = 0.0 if self.exact_stamps else _stamp_std(self.moving, self.accuracy)
+        exact = self.exact_stamps
+        stamp_std, shared = (0.0, 0.0) if exact else _stamp_stds(self.moving, self.accuracy)
         translation, rotation = (self._of_group(group, stamp_std) for group in (0, 1))
         if translation is None or rotation is None:
             return None
-        return Process.of((translation, rotation), stamp_std)
+        return Process.of((translation, rotation), stamp_std, shared)
 
     def _of_group(self, group: int, stamp_std: float) -> Learned | None:
         columns = slice(3 * group, 3 * group + 3)
@@ -192,11 +193,15 @@ def _turns(segment: Segment) -> bool:
     return bool(np.abs(segment.coordinates[:, 3:]).max() > _TURNING)
 
 
-def _stamp_std(segments: Sequence[Segment], accuracy: tuple[float, float]) -> float:
-    """How uncertain the stamps are, to a hundredth of a millisecond: as in `_record`."""
+def _stamp_stds(segments: Sequence[Segment], accuracy: tuple[float, float]) -> tuple[float, float]:
+    """How uncertain stamps are each and together, to a hundredth of a millisecond.
+
+    As in `_record`.
+    """
     data = [(segment.times, segment.coordinates.round(_DIGITS)) for segment in segments]
     rounded = rounding([segment.samples.stamps for segment in segments], data)
-    return round(max(stamp_noise(data, accuracy, rounded.std), rounded.least), 5)
+    alone = max(stamp_noise(data, accuracy, rounded.std), rounded.least)
+    return round(alone, 5), round(rounded.shared, 5)
 
 
 def _is_new(segment: Segment) -> bool:

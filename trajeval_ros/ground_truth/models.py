@@ -30,17 +30,28 @@ from trajeval_ros.ground_truth.kernels import (
 Array = npt.NDArray[np.float64]
 Bounds = list[tuple[float, float]]
 
-_LONGEST = 60.0  # s; beyond, σ and l act only together
+# No length scale is more than so many times a segment's duration: beyond, σ and l act only
+# together, and what σ is larger by is lost to round-off.
+_LONGEST = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What the data are like: sample ``interval`` (s), ``spread`` and the possible noise."""
+    """What the data are like: sample ``interval`` and a segment's ``duration`` (s), ``spread``.
+
+    And the noise that is possible.
+    """
 
     interval: float
+    duration: float
     spread: float
     least_noise: float
     soft_limit: float
+
+    @property
+    def longest(self) -> float:
+        """The most that a length scale may be, s."""
+        return _LONGEST * self.duration
 
     @staticmethod
     def of(
@@ -48,9 +59,10 @@ class Grid:
     ) -> Grid:
         """Describe segments: ``times`` (n,) s and ``values`` (n, c) of each."""
         interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
+        duration = float(np.median([t[-1] - t[0] for t in times]))
         centred = np.concatenate([v - v[0] for v in values])
         spread = max(math.sqrt(float(np.mean(centred**2))), 10.0 * noise_std, 1e-9)
-        return Grid(interval, spread, min(noise_std, 1e-5), soft_limit)
+        return Grid(interval, duration, spread, min(noise_std, 1e-5), soft_limit)
 
 
 class Model(Protocol):
@@ -105,7 +117,7 @@ class OneKernel:
         """From far below to far above what the data show."""
         return [
             (math.log(1e-4 * grid.spread), math.log(100.0 * grid.spread)),
-            (math.log(0.5 * grid.interval), math.log(_LONGEST)),
+            (math.log(0.5 * grid.interval), math.log(grid.longest)),
             (math.log(grid.least_noise), math.log(grid.spread)),
         ]
 
@@ -148,8 +160,8 @@ class MotionAndNoise:
         n² = n_0² + f² Σ_k w_k q_k hᵐ,   q_k = c_k σ_k² (√m/l_k)ᵐ,   m = 5, 7, 3,
 
     q being the spectral density of the white noise that drives a Matérn process, and n_0 has a
-    prior: flat in log n_0 from a fifth of the soft limit to the limit, falling off on both sides,
-    at last by a power only where it is large.
+    prior: flat in log n_0 from a tenth of the soft limit to the limit, falling off as a power of it
+    below, and above at first as a normal density.
     Where rough motion can stand for the noise, the likelihood hardly falls as n_0 goes to zero, and
     the errors between the samples would be many times as large as such a process says: samples have
     to show that they are cleaner than usual. The constants come from ``performance/calibration.py``
@@ -158,10 +170,11 @@ class MotionAndNoise:
 
     correlated_share: float = 0.7
     correlation_intervals: float = 0.7
-    motion_share: float = 0.012
+    motion_share: float = 0.006
     smooth_length: tuple[float, float] = (math.log(1.2), 0.7)  # of log l of Matérn 7/2, normal
-    usual_noise: float = 0.2  # in soft limits
-    noise_stds: tuple[float, float] = (0.4, 0.25)  # of log n_0, below what is usual and above
+    usual_noise: float = 0.1  # in soft limits
+    noise_power: float = 4.0  # of n_0, by which the density falls below what is usual
+    noise_std: float = 0.25  # of log n_0 above it
     noise_tail: float = 3.0  # standard deviations above, from which on the density is a power
     shortest: float = 1.5  # of l, in sample intervals
     motions: ClassVar[tuple[_Motion, ...]] = (
@@ -210,19 +223,23 @@ class MotionAndNoise:
         gradient[3], curvature[3] = -length / std, 1.0 / std**2
         highest = math.log(grid.soft_limit)
         usual = min(max(theta[-1], highest + math.log(self.usual_noise)), highest)
-        std = self.noise_stds[int(theta[-1] > usual)]
-        noise = (theta[-1] - usual) / std
-        # Satellites know a position to centimetres or metres: of that much noise a few segments
-        # have to be enough evidence, so the tail above falls off by a power only.
-        tail = min(noise, self.noise_tail)
-        gradient[-1], curvature[-1] = -tail / std, float(tail == noise != 0.0) / std**2
-        improbable = 0.5 * tail**2 + tail * (noise - tail)
+        noise = theta[-1] - usual
+        if noise < 0.0:
+            gradient[-1], improbable = self.noise_power, -self.noise_power * noise
+        else:
+            # Satellites know a position to centimetres or metres: of that much noise a few
+            # segments have to be enough evidence, so the tail above falls off by a power only.
+            far = noise / self.noise_std
+            tail = min(far, self.noise_tail)
+            gradient[-1] = -tail / self.noise_std
+            curvature[-1] = float(tail == far != 0.0) / self.noise_std**2
+            improbable = 0.5 * tail**2 + tail * (far - tail)
         return -0.5 * length**2 - improbable, gradient, curvature
 
     def bounds(self, grid: Grid) -> Bounds:
         """From far below to far above what the data show."""
         signal = (math.log(1e-4 * grid.spread), math.log(100.0 * grid.spread))
-        length = (math.log(self.shortest * grid.interval), math.log(_LONGEST))
+        length = (math.log(self.shortest * grid.interval), math.log(grid.longest))
         highest = max(grid.spread, 10.0 * grid.least_noise)
         noise = (math.log(grid.least_noise), math.log(highest))
         return [signal, length] * len(self.motions) + [noise]

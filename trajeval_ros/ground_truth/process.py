@@ -30,7 +30,8 @@ class Process:
     ``accuracy``: the instrument's, in translation (m) and rotation (rad); a segment's scale does
     not bring the noise below it. ``learned``: what the hyperparameters come from, of translation
     and rotation; None where they are given, and no segment's samples change them. ``stamp_std``:
-    how uncertain the samples' stamps are, s.
+    how uncertain each sample's stamp is, s; ``stamp_shared``: how uncertain those are together
+    that follow each other, s.
     """
 
     kernels: tuple[Kernel, ...]
@@ -38,14 +39,18 @@ class Process:
     accuracy: tuple[float, float]
     learned: tuple[Learned, Learned] | None = None
     stamp_std: float = 0.0
+    stamp_shared: float = 0.0
 
     @staticmethod
-    def of(learned: tuple[Learned, Learned], stamp_std: float = 0.0) -> Process:
+    def of(
+        learned: tuple[Learned, Learned], stamp_std: float = 0.0, stamp_shared: float = 0.0
+    ) -> Process:
         """The process that was learned."""
         translation, rotation = learned
         hyperparameters = Hyperparameters(translation.under(USUAL), rotation.under(USUAL))
         accuracy = (translation.accuracy, rotation.accuracy)
-        return Process(translation.model.kernels, hyperparameters, accuracy, learned, stamp_std)
+        kernels = translation.model.kernels
+        return Process(kernels, hyperparameters, accuracy, learned, stamp_std, stamp_shared)
 
     def under(self, regimes: Regimes) -> Process:
         """The process of a stretch in other regimes."""

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.ticks import coarsest
+from trajeval_ros.ground_truth.ticks import coarsest, on_even_clock
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -89,29 +89,36 @@ def slopes(times: Array, coordinates: Array, first: int) -> Array:
 class Rounding:
     """What rounding makes the stamps uncertain by, s.
 
-    ``std``: as white noise, if their coarseness is rounding; ``least``: what they are uncertain by
-    where the poses say so and the samples are too rare to learn it.
+    ``std``: as white noise, if their coarseness is rounding. Where it is for sure, and the samples
+    are too rare to learn it: ``least``, as white noise, and ``shared``, by which stamps that follow
+    each other may be off together.
     """
 
     std: float
-    least: float
+    least: float = 0.0
+    shared: float = 0.0
 
 
 def rounding(stamps: Sequence[Stamps], segments: Sequence[tuple[Array, Array]]) -> Rounding:
     """How coarse the ``stamps`` (n,) of segments are; ``segments`` as for `stamp_noise`."""
     if not len(stamps):
-        return Rounding(0.0, 0.0)
+        return Rounding(0.0)
     steps = np.concatenate([np.diff(each) for each in stamps])
     usual = float(np.median(steps))
     tick = coarsest(np.concatenate(stamps), usual)
     uneven = np.abs(steps - usual) > 0.5 * tick
     if not tick or uneven.mean() < _UNEVEN:
-        return Rounding(0.0, 0.0)
+        return Rounding(0.0)
     if usual <= 1e9 * _RAREST:
-        return Rounding(1e-9 * tick / math.sqrt(12.0), 0.0)
-    # Most programs cut off: then a stamp is early by up to a tick.
-    told = _evenly(segments) > _SIGNIFICANT
-    return Rounding(0.0, 1e-9 * tick / math.sqrt(3.0) if told else 0.0)
+        return Rounding(1e-9 * tick / math.sqrt(12.0))
+    # The poses tell where the motion is slow enough; and no samples that are missing leave stamps
+    # within a tick of even ones for long.
+    evenly = _evenly(segments)
+    if evenly < -_SIGNIFICANT or not (evenly > _SIGNIFICANT or on_even_clock(stamps, tick)):
+        return Rounding(0.0)
+    # Uniform within the tick. Most programs cut off: then all stamps are half a tick early on
+    # average, and no number of samples shows it.
+    return Rounding(0.0, 1e-9 * tick / math.sqrt(12.0), 0.5e-9 * tick)
 
 
 def _evenly(segments: Sequence[tuple[Array, Array]]) -> float:

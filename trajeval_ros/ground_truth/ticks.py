@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -24,6 +26,8 @@ _MATTERS = 0.05
 _UNEVEN = 0.1
 # ... or so large a share are unlike it, while all stamps are within so many ticks of even ones.
 _UNLIKE, _EVENLY = 0.05, 1.3
+# So many in a row tell whether they are.
+_TELLING = 12
 
 
 def resolution(stamps: Stamps) -> int:
@@ -60,6 +64,27 @@ def quantised(stamps: Stamps, tick: int) -> bool:
     since = stamps - stamps[0]
     off = since - np.polyval(np.polyfit(index, since, 1), index)
     return float(np.ptp(off)) <= _EVENLY * tick
+
+
+def on_even_clock(stamps: Sequence[Stamps], tick: int) -> bool:
+    """Whether the ``stamps`` (n,) of segments are those of an even clock, rounded to ``tick`` (ns).
+
+    Segments that overlap are looked at as one; those that together are too short tell nothing.
+    """
+    runs: list[Stamps] = []
+    for each in sorted(stamps, key=lambda each: int(each[0])):
+        if runs and each[0] <= runs[-1][-1]:
+            runs[-1] = np.union1d(runs[-1], each)
+        else:
+            runs.append(each)
+    long = [run for run in runs if len(run) >= _TELLING]
+    return bool(long) and all(np.ptp(_off_even(run)) <= _EVENLY * tick for run in long)
+
+
+def _off_even(stamps: Stamps) -> npt.NDArray[np.float64]:
+    """How far ``stamps`` (n,) are off the even ones nearest to them, ns."""
+    index, since = np.arange(len(stamps)), stamps - stamps[0]
+    return np.asarray(since - np.polyval(np.polyfit(index, since, 1), index))
 
 
 def whole_seconds(stamps: Stamps) -> bool:

@@ -305,16 +305,22 @@ class GroundTruth:
         resting = [each.segment for each in asked if each.segment.rests]
         advance(resting)
         parts = [part for each in asked for part in _parts(each, order, sorted_stamps, until)]
+        together = any(part.epoch.process.stamp_shared for part in parts)
         found = answers(
-            [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts], twists
+            [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts],
+            twists or together,
         )
         poses, covariances, mixed = _blend(len(stamps), parts, found)
         cross = None
         if joint is not None and len(stamps):
             cross = joint.extend(stamps, until, covariances, parts, found)
+        if together and mixed is not None:
+            covariances = covariances + _of_shared_stamps(parts, mixed.means)
         for segment in resting:
             segment.rest()
-        return Posterior(poses, covariances, self._sampled(stamps), cross, mixed)
+        return Posterior(
+            poses, covariances, self._sampled(stamps), cross, mixed if twists else None
+        )
 
     def rest(self, before: int, samples: int) -> None:
         """Let segments answer queries before ``before`` (ns) by being conditioned anew.
@@ -418,6 +424,15 @@ def _blend(count: int, parts: list[Part], found: Answer) -> tuple[Array, Array, 
     if found.twists is not None:
         twists = Twists(mixed(found.twists.means), mixed(found.twists.covariances))
     return poses, mixed(found.covariances), twists
+
+
+def _of_shared_stamps(parts: list[Part], twists: Array) -> Array:
+    """What stamps that are off together leave uncertain, along the ``twists`` (q, 6); (q, 6, 6)."""
+    std = np.zeros(len(twists))
+    for part in parts:
+        std[part.asked] += part.share * part.epoch.process.stamp_shared
+    along = std[:, None] * twists
+    return np.asarray(along[:, :, None] * along[:, None])
 
 
 def _usual(intervals: Stamps, index: Stamps) -> Array:
