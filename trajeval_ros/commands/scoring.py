@@ -35,7 +35,12 @@ from trajeval_ros.runs import offline
 from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
 from trajeval_ros.runs.recording import Recorded
-from trajeval_ros.runs.several import looked_at_together, sentences_of_all, together
+from trajeval_ros.runs.several import (
+    against_the_best,
+    looked_at_together,
+    sentences_of_all,
+    together,
+)
 from trajeval_ros.wall import shield
 
 
@@ -151,7 +156,7 @@ class _Together:
             print("\nCompared, each with each\n")
             summaries = {name: one.summary for name, one in found.items()}
             print("\n".join(figures.side_by_side(summaries)) + "\n")
-            console.say(self.sentences)
+            console.say(against_the_best(summaries, self.comparisons, self.sentences))
         if len(found) > 1 and output:
             folder = Path(output).expanduser().absolute()
             print(f"\nWritten: summary.json, report.html of all in {folder}")

@@ -25,6 +25,8 @@ Figures = dict[str, Any]
 
 _SAME_INSTANTS = 0.99
 """So large a part of the poses of both are pairs where both are at the same instants."""
+# Of more estimates than this a terminal has not every pair.
+_FEW = 3
 # Jumps are the same within so long (ns) of one another, and where the lengths are in this ratio;
 # by chance alone one or two may be.
 _AT_ONCE, _AS_MUCH = 150_000_000, 0.8
@@ -224,6 +226,32 @@ def sentences_of_all(
 
     nothing: tuple[str, ...] = ()
     return shield("the words of the comparison", said, nothing, say)
+
+
+def against_the_best(
+    summaries: Mapping[str, Mapping[str, Any]],
+    comparisons: Sequence[Comparison],
+    said: Sequence[str],
+) -> tuple[str, ...]:
+    """Return what :func:`sentences_of_all` ``said``, of many estimates of the best's pairs alone.
+
+    The best has the smallest ATE. Of three and fewer all there is.
+    """
+    errors = {
+        name: summary["conventional"].get("ate_translation_rmse")
+        for name, summary in summaries.items()
+    }
+    known = {name: error for name, error in errors.items() if error is not None}
+    # Without a sentence of each pair the words have failed, and that has been said.
+    if len(errors) <= _FEW or not known or len(said) < len(comparisons):
+        return tuple(said)
+    best = min(known, key=known.__getitem__)
+    of_pairs = zip(comparisons, said, strict=False)
+    return (
+        *(text for one, text in of_pairs if best in (one.a, one.b)),
+        f"Each with {best}, whose ATE is the smallest; the other pairs are in summary.json.",
+        *said[len(comparisons) :],
+    )
 
 
 def _likelier(comparison: Comparison, summaries: Mapping[str, Mapping[str, Any]]) -> str:
