@@ -29,6 +29,7 @@ OPTIONAL = {
     "pyproj": "gnss",
     "argcomplete": "completion",
     "arch": "comparison",
+    "dask": "benchmark",
     "distributed": "benchmark",
     "matplotlib": "report",
     "pandas": "tables",
