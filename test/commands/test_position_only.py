@@ -207,6 +207,25 @@ def test_the_modes_of_an_rtk_receiver_are_in_the_answer(tmp_path: Path) -> None:
     assert arm_std.max() < 0.05
 
 
+def test_a_drift_is_no_lever_arm_and_the_first_fix_no_start_of_an_estimator(
+    tmp_path: Path, capsys: Any
+) -> None:
+    """What drifts through the run looks like a lever arm; fixes are about the first of them."""
+    truth, estimate = write_files(tmp_path, 30.0, 0)
+    rows = [line.split()[:4] for line in truth.read_text().splitlines()[1:]][::10]
+    first = np.array(rows[0][1:], dtype=float)
+    rng = np.random.default_rng(0)
+    with (tmp_path / "fixes.txt").open("w") as file:
+        for number, (stamp, *xyz) in enumerate(rows):
+            at = np.array(xyz, dtype=float) - first
+            at += 0.02 * (number > 0) * rng.normal(size=3)
+            file.write(f"{stamp} {' '.join(f'{each:.6f}' for each in at)}\n")
+    assert evaluate.main(["tum", str(tmp_path / "fixes.txt"), str(estimate)]) == 0
+    out = capsys.readouterr().out
+    assert "swapped" not in out
+    assert "lever arm" not in out
+
+
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data"
 RECORDED = DATA / "rover_georeferenced" / "groundtruth.txt"
 

@@ -96,6 +96,22 @@ def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
+def told_lever_arm(
+    arm: Mapping[str, Any] | None, model: Mapping[str, Any] | None
+) -> Mapping[str, Any] | None:
+    """The lever arm that positions alone tell, as uncertain as the estimate's own error makes it.
+
+    ``model``: the run's error model, if any: a drift through the whole run looks like a lever arm.
+    """
+    if arm is None or model is None:
+        return arm
+    wider = model["extrinsic"]["translation"]["std"]
+    return {
+        "value": arm["value"],
+        "std": [max(pair) for pair in zip(arm["std"], wider, strict=True)],
+    }
+
+
 def lever_arm_is_beyond_doubt(arm: Mapping[str, Any]) -> bool:
     """Whether the lever arm that positions alone tell differs from nothing, as `beyond_doubt`."""
     pairs = zip(*_of(arm), strict=True)

@@ -12,7 +12,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from trajeval_ros.diagnosis.fitted import beyond_doubt, disagree, is_misread, shown_of_lever_arm
+from trajeval_ros.diagnosis.fitted import (
+    beyond_doubt,
+    disagree,
+    is_misread,
+    shown_of_lever_arm,
+    told_lever_arm,
+)
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 from trajeval_ros.report import covered
 from trajeval_ros.report.after_closure import after_closure
@@ -266,7 +272,8 @@ def _faults(model: Figures, without: Figures | None) -> str:
 
 def _on_positions(summary: Figures) -> list[tuple[str, str]]:
     """Of a ground truth without orientation: where its point is on the body, if elsewhere."""
-    model, arm = summary.get("error_model"), summary.get("lever_arm")
+    model = summary.get("error_model")
+    arm = told_lever_arm(summary.get("lever_arm"), model)
     without = _headline(summary).get("without")
     found = [] if model is None else [("Kind of error", _kind(model))]
     if arm is not None and without is not None:

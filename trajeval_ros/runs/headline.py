@@ -24,6 +24,7 @@ from trajeval_ros.diagnosis.fitted import (
     beyond_doubt,
     lever_arm_is_beyond_doubt,
     lever_arm_to_set,
+    told_lever_arm,
 )
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
 from trajeval_ros.online.results import Evaluations
@@ -66,7 +67,8 @@ def with_headline(
     worst = _worst(errors, truth.stamps, stds[0], start)
     if worst is not None and conventional.get("ate_rotation_rmse") is None:
         worst["rotation"] = None
-    model, arm = summary.get("error_model"), summary.get("lever_arm")
+    model = summary.get("error_model")
+    arm = told_lever_arm(summary.get("lever_arm"), model)
     without = None
     if model is not None and not summary.get("position_only"):
         without = _without(model, conventional, evaluated, truth.at, settings)

@@ -136,6 +136,9 @@ def _swapped(
     """Whether the two stand in each other's place, unless that has been asked."""
     if any(notice.code == "sparse_ground_truth" for notice in known) or not len(estimate):
         return ()
+    if not (truth.has_orientation and estimate.has_orientation):
+        # Positions alone begin where they begin: fixes at the first of them.
+        return ()
     asked = swapped(
         *(Given(e.source, e.stamps, e.positions[0], e.quaternions[0]) for e in (truth, estimate))
     )

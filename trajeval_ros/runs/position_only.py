@@ -14,7 +14,7 @@ from typing import Any
 from trajeval_ros import se3
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.diagnosis.cause import Cause
-from trajeval_ros.diagnosis.fitted import clock_causes, lever_arm_causes
+from trajeval_ros.diagnosis.fitted import clock_causes, lever_arm_causes, told_lever_arm
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.engine import Engine
 
@@ -36,8 +36,9 @@ def causes_on_positions(
     """What positions tell of lever arm and clock; ``model``: the run's error model, if any."""
     own = engine.settings.estimates[name]
     found: tuple[Cause, ...] = ()
-    if summary.get("lever_arm") is not None:
-        found = lever_arm_causes(summary["lever_arm"], se3.inverse(own.from_body))
+    arm = told_lever_arm(summary.get("lever_arm"), model)
+    if arm is not None:
+        found = lever_arm_causes(arm, se3.inverse(own.from_body))
     if model is not None:
         found = (*found, *clock_causes(model, 1e-9 * own.time_offset))
     return found
