@@ -27,6 +27,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +49,8 @@ _PANEL = 8
 _PANELS = 64
 _ROWS, _COLUMNS = np.tril_indices(_BLOCK)
 _LOWER = _ROWS * _BLOCK + _COLUMNS
+# The times (s) of rows without a sample: so far from all others that no kernel knows of them.
+_NOWHERE = 1e12 * np.arange(1.0, _BLOCK + 1.0)
 
 
 def rounded_up(count: int) -> int:
@@ -146,16 +149,17 @@ def extend(factors: Sequence[Factor], samples: Sequence[Observed]) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class _Blocks:
-    """Blocks of rows to be factored, B of all factors, one factor's after the other's.
+    """Blocks of rows to be factored: the first of each factor, then the second, and so on; B.
 
-    ``owner`` (B,): the number of the factor; ``number`` (B,): the block's within it. ``times`` (B,
-    32), zeros without a sample; ``covariances`` (G, B, 32, 32): the lower triangles of ``K_b``, in
-    rows without a sample the identity's; ``right`` (G, B, 32, 1 + c): ``[1 x]``.
+    ``factors`` F, those with the most blocks first; ``widths``: how many there are of the first
+    blocks, of the second, ...; ``numbers`` (B,): of each block within its factor. ``times`` (B,
+    32), of rows without a sample `_NOWHERE`; ``covariances`` (G, B, 32, 32): the lower triangles of
+    ``K_b``, in such rows the identity's; ``right`` (G, B, 32, 1 + c): ``[1 x]``.
     """
 
     factors: Sequence[Factor]
-    owner: Counts
-    number: Counts
+    widths: Counts
+    numbers: Counts
     times: Array
     covariances: Array
     right: Array
@@ -164,31 +168,45 @@ class _Blocks:
     def of(factors: Sequence[Factor], samples: Sequence[Observed], first: Sequence[int]) -> _Blocks:
         """Those from the ``first`` of each factor on."""
         sizes = [-(-each.count // _BLOCK) - b for each, b in zip(factors, first, strict=True)]
-        owner = np.repeat(np.arange(len(factors)), sizes)
-        number = np.concatenate([np.arange(b, b + n) for b, n in zip(first, sizes, strict=True)])
-        counts = np.array([factor.count for factor in factors])[owner] - _BLOCK * number
-        sampled = np.arange(_BLOCK) < counts[:, None]
-        times, values, noise = (
-            np.concatenate([part[_BLOCK * b :] for part, b in zip(parts, first, strict=True)])
-            for parts in zip(
-                *((each.times, each.values, each.noise) for each in samples), strict=True
-            )
+        ranked = sorted(range(len(factors)), key=lambda i: -sizes[i])
+        kernel, count = factors[0]._kernel, sum(sizes)
+        groups, coordinates = samples[0].values.shape[1:]
+        times = np.tile(_NOWHERE, count)
+        diagonal = np.ones((groups, len(times)))
+        right = np.zeros((groups, len(times), 1 + coordinates))
+        further: list[int] = []
+        numbers: list[int] = []
+        row = 0
+        for i in ranked:
+            known, size = _BLOCK * first[i], factors[i].count - _BLOCK * first[i]
+            here = slice(row, row + size)
+            times[here] = samples[i].times[known:]
+            diagonal[:, here] = kernel.variances[0] + samples[i].noise[known:].T
+            right[:, here, 0] = 1.0
+            right[:, here, 1:] = np.swapaxes(samples[i].values[known:], 0, 1)
+            further += range(sizes[i])
+            numbers += range(first[i], first[i] + sizes[i])
+            row += _BLOCK * sizes[i]
+        order = np.argsort(further, kind="stable")
+        times = times.reshape(count, _BLOCK)[order]
+        flat = np.zeros((groups, count, _BLOCK * _BLOCK))
+        apart = times[:, _ROWS] - times[:, _COLUMNS]
+        flat[..., _LOWER] = kernel(apart.reshape(1, -1)).reshape(groups, count, -1)
+        flat[..., :: _BLOCK + 1] = diagonal.reshape(groups, count, _BLOCK)[:, order]
+        return _Blocks(
+            [factors[i] for i in ranked],
+            np.bincount(further),
+            np.array(numbers)[order],
+            times,
+            flat.reshape(groups, count, _BLOCK, _BLOCK),
+            right.reshape(groups, count, _BLOCK, -1)[:, order],
         )
-        kernel, groups = factors[0]._kernel, values.shape[1]
-        by_block = np.zeros(sampled.shape)
-        by_block[sampled] = times
-        right = np.zeros((groups, *sampled.shape, 1 + values.shape[2]))
-        right[:, sampled, 0] = 1.0
-        right[:, sampled, 1:] = np.swapaxes(values, 0, 1)
-        flat = np.zeros((groups, len(owner), _BLOCK * _BLOCK))
-        apart = np.maximum(by_block[:, _ROWS] - by_block[:, _COLUMNS], 0.0)
-        flat[..., _LOWER] = kernel(apart.reshape(1, -1)).reshape(groups, len(owner), -1)
-        covariances = flat.reshape(groups, len(owner), _BLOCK, _BLOCK)
-        covariances[:, ~sampled] = 0.0
-        diagonal = np.ones((groups, *sampled.shape))
-        diagonal[:, sampled] = kernel.variances[0] + noise.T
-        flat[..., :: _BLOCK + 1] = diagonal
-        return _Blocks(factors, owner, number, by_block, covariances, right)
+
+    @property
+    def owners(self) -> list[tuple[Factor, int]]:
+        """The factor and the number of each block."""
+        factors = [factor for width in self.widths.tolist() for factor in self.factors[:width]]
+        return [*zip(factors, self.numbers.tolist(), strict=True)]
 
 
 def products(asked: Sequence[tuple[Factor, Array, Counts]], kinds: int) -> tuple[Array, Array]:
@@ -245,51 +263,53 @@ class MarkovFactor(Factor):
     @classmethod
     def _add(cls, blocks: _Blocks) -> None:
         """The first of each factor, the second, and so on."""
-        factors = [factor for factor in blocks.factors if isinstance(factor, MarkovFactor)]
-        columns, rank = factors[0]._columns, factors[0]._kernel.rank
-        past = np.zeros((*blocks.right.shape[:3], rank))
-        # The first block has none before it, and while it is not whole, is none.
-        if max(factor.count for factor in factors) >= _BLOCK:
-            past = cls._transitions(factors, blocks)
+        places = [(f, b) for f, b in blocks.owners if isinstance(f, MarkovFactor)]
+        firsts = places[: blocks.widths[0]]
+        columns = firsts[0][0]._columns
+        ahead, past = cls._transitions(firsts, blocks)
         right = np.concatenate([blocks.right, past], axis=3)
-        begins = np.flatnonzero(np.diff(blocks.owner, prepend=-1))
-        sizes = np.diff(begins, append=len(blocks.owner))
-        for further in range(int(sizes.max())):
-            here = begins[sizes > further] + further
-            owners = [factors[i] for i in blocks.owner[here].tolist()]
-            places = [*zip(owners, blocks.number[here].tolist(), strict=True)]
-            ahead = np.stack([factor._ahead[:, b] for factor, b in places], axis=1)
-            # Of the first block they mean nothing, and F is zero.
-            before = np.stack([factor._sums[:, b - 1] for factor, b in places], axis=1)
-            seen = ahead @ before
-            known = seen[..., columns:] @ np.swapaxes(ahead, 2, 3)
+        # Of a factor's first block they mean nothing, and F is zero.
+        sums = np.stack([factor._sums[:, b - 1] for factor, b in firsts], axis=1)
+        begin = 0
+        for width in blocks.widths.tolist():
+            here = slice(begin, begin + width)
+            begin += width
+            seen = ahead[:, here] @ sums[:, :width]
+            known = seen[..., columns:] @ np.swapaxes(ahead[:, here], 2, 3)
             onwards = np.concatenate([seen[..., :columns], known[..., _BLOCK:]], axis=3)
-            lower = np.linalg.cholesky(blocks.covariances[:, here] - known[:, :, :_BLOCK, :_BLOCK])
+            own = blocks.covariances[:, here] - known[:, :, :_BLOCK, :_BLOCK]
+            lower = np.asarray(np.linalg.cholesky(own), dtype=np.float64)
             solved = _solved(lower, right[:, here] - onwards[:, :, :_BLOCK])
             sums = np.swapaxes(solved[..., columns:], 2, 3) @ solved + onwards[:, :, _BLOCK:]
-            for i, (factor, b) in enumerate(places):
+            for i, (factor, b) in enumerate(places[here]):
+                factor._ahead[:, b] = ahead[:, here][:, i]
                 factor._lower[:, b] = lower[:, i]
                 factor._solved[:, b] = solved[:, i]
                 factor._sums[:, b] = sums[:, i]
 
     @classmethod
-    def _transitions(cls, factors: Sequence[MarkovFactor], blocks: _Blocks) -> Array:
-        """Write F and Φ of the blocks; return their ``P_b`` (G, B, 32, r)."""
-        kernel, times = factors[0]._kernel, blocks.times
-        places = [*zip([factors[i] for i in blocks.owner], blocks.number.tolist(), strict=True)]
+    def _transitions(
+        cls, firsts: Sequence[tuple[MarkovFactor, int]], blocks: _Blocks
+    ) -> tuple[Array, Array]:
+        """F with Φᵀ below it, (G, B, 32 + r, r), and ``P_b``, (G, B, 32, r), of the blocks."""
+        kernel, times, widths = firsts[0][0]._kernel, blocks.times, blocks.widths.tolist()
+        # The first block has none before it, and while it is not whole, is none.
+        if max(factor.count for factor, _ in firsts) < _BLOCK:
+            shape = (*blocks.right.shape[:2], _BLOCK + kernel.rank, kernel.rank)
+            return np.zeros(shape), np.zeros(shape)[:, :, :_BLOCK]
         ends = times[:, -1:]
-        begins = np.array([[factor.times[max(_BLOCK * b - 1, 0)]] for factor, b in places])
-        # Rows without a sample have no time.
-        apart = np.maximum(
-            np.concatenate([times - begins, ends - times, ends - begins], axis=1), 0.0
-        )
-        powers = kernel.powers(apart)
-        future = kernel.future(powers[:, :, :_BLOCK])[0] * (blocks.right[..., :1] > 0.0)
+        before = [factor.times[max(_BLOCK * b - 1, 0)] for factor, b in firsts]
+        begins, start = [np.array(before)[:, None]], 0
+        for width, after in pairwise(widths):
+            begins.append(ends[start : start + after])
+            start += width
+        begin = np.concatenate(begins)
+        powers = kernel.powers(np.concatenate([times - begin, ends - times, ends - begin], axis=1))
+        future = kernel.future(powers[:, :, :_BLOCK])[0]
         step = np.swapaxes(kernel.transition(powers[:, :, 2 * _BLOCK :]), 2, 3)
-        ahead = np.concatenate([future, step], axis=2) * (blocks.number > 0)[:, None, None]
-        for i, (factor, b) in enumerate(places):
-            factor._ahead[:, b] = ahead[:, i]
-        return np.asarray(kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])[0])
+        ahead = np.concatenate([future, step], axis=2)
+        ahead[:, blocks.numbers == 0] = 0.0
+        return ahead, np.asarray(kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])[0])
 
     def first_blocks(self, times: Array, counts: Counts) -> Counts:
         """The block that each query must begin with: those before it end before it; (q,)."""
@@ -516,8 +536,7 @@ class DenseFactor(Factor):
     @classmethod
     def _add(cls, blocks: _Blocks) -> None:
         """One after the other."""
-        for i, (owner, b) in enumerate(zip(blocks.owner, blocks.number.tolist(), strict=True)):
-            factor = blocks.factors[owner]
+        for i, (factor, b) in enumerate(blocks.owners):
             assert isinstance(factor, DenseFactor)
             factor._add_block(b, blocks.covariances[:, i], blocks.right[:, i])
 
@@ -616,6 +635,7 @@ def _solve_rows(lower: Array, rows: Array, transposed: bool = False) -> None:
 def _solved(lower: Array, right: Array) -> Array:
     """``lower⁻¹ right`` of blocks (..., 32, 32) and (..., 32, m)."""
     solution = np.empty_like(right)
-    for place in np.ndindex(right.shape[:-2]):
-        solution[place], _ = lapack.dtrtrs(lower[place].T, right[place], trans=1)
+    flat = (each.reshape(-1, *each.shape[-2:]) for each in (solution, lower, right))
+    for target, factor, columns in zip(*flat, strict=True):
+        target[...], _ = lapack.dtrtrs(factor.T, columns, trans=1)
     return solution
