@@ -44,9 +44,10 @@ Counts = npt.NDArray[np.intp]
 # alone: rows in blocks, queries in panels.
 _BLOCK = 32
 _PANEL = 8
-# So many panels at a time: their arrays stay in the cache, and the memory they need is not handed
-# back to the system, and asked for anew, each time.
+# So many panels at a time, and covariances of so many blocks: their arrays stay in the cache, and
+# the memory they need is not handed back to the system, and asked for anew, each time.
 _PANELS = 64
+_BLOCKS = 16
 _ROWS, _COLUMNS = np.tril_indices(_BLOCK)
 _LOWER = _ROWS * _BLOCK + _COLUMNS
 # The times (s) of rows without a sample: so far from all others that no kernel knows of them.
@@ -190,8 +191,11 @@ class _Blocks:
         order = np.argsort(further, kind="stable")
         times = times.reshape(count, _BLOCK)[order]
         flat = np.zeros((groups, count, _BLOCK * _BLOCK))
-        apart = times[:, _ROWS] - times[:, _COLUMNS]
-        flat[..., _LOWER] = kernel(apart.reshape(1, -1)).reshape(groups, count, -1)
+        for begin in range(0, count, _BLOCKS):
+            some = times[begin : begin + _BLOCKS]
+            apart = (some[:, _ROWS] - some[:, _COLUMNS]).reshape(1, -1)
+            lower = kernel(apart).reshape(groups, len(some), -1)
+            flat[:, begin : begin + _BLOCKS, _LOWER] = lower
         flat[..., :: _BLOCK + 1] = diagonal.reshape(groups, count, _BLOCK)[:, order]
         return _Blocks(
             [factors[i] for i in ranked],
