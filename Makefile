@@ -162,6 +162,7 @@ bench: install
 SEED  ?= 1
 CASES ?= 400
 HOURS ?= 24
+MINUTES ?= 5
 
 ## fuzz: damaged files, bags, messages and parameters (SEED, CASES); repeat one: see CONTRIBUTING.md
 .PHONY: fuzz
@@ -172,6 +173,11 @@ fuzz: install
 .PHONY: soak
 soak: install
 	@.venv/bin/python -m fuzz.soak --hours $(HOURS)
+
+## soak-dds: MINUTES of the node's own process over DDS, faster than time goes: the same
+.PHONY: soak-dds
+soak-dds: install
+	@.venv/bin/python -m fuzz.dds --minutes $(MINUTES)
 
 ## colcon: colcon build and colcon test, as on a ROS machine, with colcon from PyPI
 .PHONY: colcon

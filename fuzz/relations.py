@@ -74,6 +74,7 @@ def _spoilt(rng: np.random.Generator, pair: Pair) -> Changed:
         parts = (np.insert(part, at, part[at - 1], axis=0) for part in _parts(samples))
         spoilt = PoseSamples(*parts)
         rows = at + np.arange(count)
+        spoilt.positions[rows], spoilt.quaternions[rows] = 0.0, (0.0, 0.0, 0.0, 1.0)
         if rng.integers(2):
             spoilt.positions[rows, rng.integers(3)] = rng.choice([np.nan, np.inf, -np.inf])
             more.append({"non_finite": count})

@@ -3,7 +3,8 @@
 """``python -m fuzz.soak --hours H``: that many hours of stamps through the node's session at speed.
 
 Rest and motion in turn, silences, messages that cannot be read, a clock that jumps back, an output
-folder that is gone and back. Memory and cost a message are held to be flat, accounts to be exact.
+folder that is gone and back, a disk that is full. Memory and cost a message are held to be flat,
+accounts to be exact.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import ctypes
 import gc
 import os
 import pickle
+import resource
 import sys
 import tempfile
 import time
@@ -148,6 +150,21 @@ class Soak:
         self.save()
         require(self.session.error is None, "the error outlives the folder's return")
 
+    def fill_disk(self) -> None:
+        """No file may grow: nothing is saved, and the session says so; then there is room again."""
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 10, hard))
+        try:
+            self.session.save()
+        except OutputError:
+            require(self.session.error is not None, "no error of the disk that is full")
+        else:
+            raise Failure("saved to a disk that is full")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        self.save()
+        require(self.session.error is None, "the error outlives the full disk")
+
     def jump_back(self) -> None:
         """End the run as the node does when the clock jumps back, and start over."""
         self.session.finish()
@@ -184,6 +201,7 @@ def run(hours: float, folder: Path, rates: tuple[float, float] = (20.0, 2.0)) ->
             soak.measure(tenth)
         if number in losses:
             soak.lose_folder()
+            soak.fill_disk()
     soak.session.finish()
     soak.check(soak.session.figures())
     soak.save()
@@ -207,6 +225,15 @@ def judge(tenths: Sequence[Tenth]) -> list[str]:
     return wrong
 
 
+def table(tenths: Sequence[Tenth]) -> str:
+    """What each tenth took."""
+    rows = [f"{'tenth':>6}{'messages':>11}{'us/message':>12}{'resident MB':>13}{'engine kB':>11}"]
+    for number, tenth in enumerate(tenths, start=1):
+        figures = f"{1e6 * tenth.cost:12.1f}{tenth.resident / _MB:13.1f}{tenth.state / 1024:11.0f}"
+        rows.append(f"{number:6}{tenth.messages:11,}{figures}")
+    return "\n".join(rows)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run, print a table; return 0, or 1 where something grew or was lost."""
     parser = argparse.ArgumentParser(prog="python -m fuzz.soak", description=__doc__)
@@ -222,12 +249,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         except Failure as failure:
             print(f"failed: {failure}")
             return 1
-    print(f"{'tenth':>6}{'messages':>11}{'us/message':>12}{'resident MB':>13}{'engine kB':>11}")
-    for number, tenth in enumerate(tenths, start=1):
-        figures = f"{1e6 * tenth.cost:12.1f}{tenth.resident / _MB:13.1f}{tenth.state / 1024:11.0f}"
-        print(f"{number:6}{tenth.messages:11,}{figures}")
     wrong = judge(tenths)
-    print("\n".join([*wrong, f"{arguments.hours:g} h in {time.monotonic() - begin:.0f} s"]))
+    print(
+        "\n".join(
+            [table(tenths), *wrong, f"{arguments.hours:g} h in {time.monotonic() - begin:.0f} s"]
+        )
+    )
     return int(bool(wrong))
 
 

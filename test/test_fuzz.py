@@ -139,6 +139,17 @@ def test_ten_minutes_of_stamps(tmp_path: Path) -> None:
     assert all(tenth.resident > 0 and tenth.state > 0 for tenth in tenths)
 
 
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_few_minutes_of_stamps_over_dds(tmp_path: Path, domain: int) -> None:
+    pytest.importorskip("rclpy")
+    from fuzz import dds
+
+    tenths = dds.run(0.1, 60.0, tmp_path, domain)
+    assert sum(tenth.messages for tenth in tenths) == 8_800
+    assert all(tenth.resident > 0 for tenth in tenths)
+
+
 def test_what_grows_is_named() -> None:
     def tenths(**last: float) -> list[soak.Tenth]:
         flat = {"messages": 100, "cpu": 1.0, "resident": 200 << 20, "state": 1 << 20}
