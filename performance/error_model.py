@@ -9,6 +9,7 @@ and fitted; and known nuisances are put into real estimates, whose fit must chan
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -175,8 +176,11 @@ def scores(
                 yield Score(f"{group} {name}", score, abs(score) < _LIMIT)
 
 
-def simulations(data: Path, count: int, seed: int) -> None:
-    """Print mean and standard deviation of every figure's score, and the coverage."""
+def simulations(data: Path, count: int, seed: int, output: Path | None = None) -> None:
+    """Print mean and standard deviation of every figure's score, and the coverage.
+
+    output: where the scores go, by figure, as JSON.
+    """
     names = ("euroc_mh04", "euroc_v102", "tum_fr1_xyz", "tum_vi_room1")
     engines = {name: ground_truth(data / name / "groundtruth.txt") for name in names}
     spans = {name: read_tum(data / name / "groundtruth.txt").stamps for name in names}
@@ -202,6 +206,11 @@ def simulations(data: Path, count: int, seed: int) -> None:
             f"{number} {name} {kind} as {found.kind}: worst {worst.name} {worst.off:.1f} {missed}",
             flush=True,
         )
+    if output is not None:
+        plain = {
+            name: [[score.off, score.covered] for score in all_] for name, all_ in known.items()
+        }
+        output.write_text(json.dumps(plain))
     print(f"\n{count} simulations, the right process in {right}, a clock change in {changes}")
     for figure, all_scores in known.items():
         off = np.array([score.off for score in all_scores if score.off is not None])
@@ -296,7 +305,7 @@ def table(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
         found = fit(*estimate(data / dataset / f"{name}.txt"), ask)
         if found is None:
             continue
-        said = dict(answers.sentences(named(found)))
+        said = dict(answers.leading(named(found)))
         jitter, kind = said["Kind of error"].removeprefix("jitter ").split(";\n", 1)
         kind = kind.replace("\n", " ")
         nats = ", ".join(f"{found.alternatives[each]:.2f}" for each in Kind)
@@ -323,6 +332,7 @@ def main() -> None:
     parser.add_argument("--injections", type=int, default=len(PAIRS), help="pairs to inject into")
     parser.add_argument("--table", action="store_true", help="print the fits of all pairs instead")
     parser.add_argument("--clock", action="store_true", help="false alarms of clock changes")
+    parser.add_argument("--output", type=Path, help="a file for the simulations' scores")
     arguments = parser.parse_args()
     if arguments.clock:
         false_alarms(arguments.seed)
@@ -331,7 +341,7 @@ def main() -> None:
         table(arguments.data, PAIRS)
         return
     if arguments.simulations:
-        simulations(arguments.data, arguments.simulations, arguments.seed)
+        simulations(arguments.data, arguments.simulations, arguments.seed, arguments.output)
     injected(arguments.data, PAIRS[: arguments.injections])
 
 

@@ -10,7 +10,7 @@ from twins.runs import motion
 
 from performance.error_model import drawn, erring
 from trajeval_ros import se3
-from trajeval_ros.error_model.fit import ENOUGH, fit
+from trajeval_ros.error_model.fit import ENOUGH, _carried, fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD, Nuisances, Truth
 from trajeval_ros.error_model.process import GROUPS, Kind
@@ -219,3 +219,13 @@ def test_names_are_those_of_the_summary():
         assert by_time / by_distance == pytest.approx(np.sqrt(speed), rel=0.05)
     assert set(summary["clock_offset"]) == {"value", "std"}
     assert len(summary["extrinsic"]["translation"]["value"]) == 3
+
+
+def test_a_leap_to_a_pose_that_the_ground_truth_loses_stays_one():
+    before, now = np.ones((2, 6), dtype=np.bool_)
+    now[3] = False
+    poses, steps = np.ones((6, 2)), np.ones((5, 2))
+    poses[4], steps[2] = 5.0, [7.0, 1.0]
+    measured, moved = _carried((poses, steps), before, now)
+    np.testing.assert_array_equal(measured[:, 0], [1.0, 1.0, 1.0, 5.0, 1.0])
+    np.testing.assert_array_equal(moved, [[1.0, 1.0], [1.0, 1.0], [7.0, 1.0], [1.0, 1.0]])

@@ -270,7 +270,9 @@ def _carried(weights: tuple[Array, Array], before: Mask, now: Mask) -> tuple[Arr
         return weights
     of_poses, of_moves = np.ones((2, len(before), 2))
     of_poses[before], of_moves[np.flatnonzero(before)[1:]] = weights
-    return of_poses[now], of_moves[np.flatnonzero(now)[1:]]
+    kept = np.flatnonzero(now)
+    # A step over poses that are not there any more may leap as theirs did.
+    return of_poses[now], np.maximum.reduceat(of_moves[: kept[-1] + 1], kept[:-1] + 1, axis=0)
 
 
 def _recorded(stamps: Stamps, truth: Truth) -> Recorded | None:

@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 # Half of χ² with one degree of freedom at 95 %.
 _FALL = 1.92
-_GAIN, _STEPS = 0.05, 4
+_GAIN, _STEPS = 0.1, 4
 # An end is found when the fall is this near, or after so many points.
 _NEAR = 0.1
 _POINTS = 8
@@ -38,7 +38,8 @@ class Profiles:
         """Climb the chain of the group from there."""
         low, high = bounds(here.kind, here.data)
         self._low, self._high = low[group], high[group]
-        self._top = self._climbed(chains(here)[group], self._low, self._high)
+        chain = chains(here)[group]
+        self._top = climb(chain, self._low, self._high, _GAIN, _STEPS, weighted=False)
 
     def interval(self, number: int, deviation: float, ratio: float) -> tuple[float, float]:
         """The 95 % interval of a parameter, from zero where it may be nothing.
@@ -97,8 +98,5 @@ class Profiles:
         parameters[number] = at
         low, high = self._low.copy(), self._high.copy()
         low[number] = high[number] = at
-        return self._climbed(here.at(parameters, here.weights), low, high)
-
-    @staticmethod
-    def _climbed(here: Axes, low: Array, high: Array) -> Axes:
-        return climb(here, low, high, _GAIN, _STEPS, weighted=False)
+        there = here.at(parameters, here.weights)
+        return climb(there, low, high, _GAIN, _STEPS, near=True, weighted=False)

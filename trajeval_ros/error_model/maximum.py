@@ -190,6 +190,12 @@ def _newton_step(
     step: Array = np.zeros(len(here))
     free = ((here > low) | (slope > 0.0)) & ((here < high) | (slope < 0.0))
     low, high = np.maximum(low, here - _LONGEST), np.minimum(high, here + _LONGEST)
+    if free.all():
+        step = np.asarray(np.linalg.solve(curvature, slope), np.float64)
+        there = here + step
+        if (there >= low).all() and (there <= high).all():
+            return step, 0.5 * float(slope @ step)
+        step = np.zeros(len(here))
     for _ in range(len(here)):
         rest = slope[free] - curvature[free][:, ~free] @ step[~free]
         step[free] = np.linalg.solve(curvature[free][:, free], rest)
@@ -228,6 +234,8 @@ def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float
     weights = here.weights
     poses, pose_gain = likeliest(measured, measured_rest, own, weights[0])
     moves, move_gain = likeliest(moved, moved_rest, own_move, weights[1])
+    if not (pose_gain.any() or move_gain.any()):
+        return weights, 0.0
     # Poses and the steps between them in the order of time.
     gains = np.zeros((2 * len(pose_gain) - 1, *pose_gain.shape[1:]))
     gains[::2], gains[1::2] = pose_gain, move_gain
