@@ -109,8 +109,18 @@ def test_failures_are_listed_and_drawn_beside_the_boxes() -> None:
     whole = [{**row, "status": FAILED, "error": "no pose"} for row in rows]
     bare = [{k: v for k, v in row.items() if not isinstance(v, float)} for row in whole]
     said = _Page(page(Benchmark(bare, compare(bare), []))).words
-    assert "No run could be evaluated." in said
+    first = "/".join(str(bare[0][name]) for name in ("system", "sequence", "run"))
+    assert f"No run could be evaluated. The first, {first}: no pose." in said
+    assert "Runs that failed: orb_slam all 30, vins all 30." in said
     assert "best" not in said
+
+
+def test_one_system_on_one_sequence_is_spoken_of_as_that() -> None:
+    rows = [r for r in keyed(made_rows(1)) if (r["system"], r["sequence"]) == ("vins", "hall")]
+    said = _Page(page(Benchmark(rows, compare(rows), []))).words
+    assert "1 system on 1 sequence, 10 runs: 10 evaluated" in said
+    for word in ("Over all", "Bold", "sequences", "failed", "best"):
+        assert word not in said, word
 
 
 @pytest.mark.parametrize(

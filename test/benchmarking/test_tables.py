@@ -54,6 +54,17 @@ def test_best_is_bold_only_beyond_noise() -> None:
     assert "Nothing is bold: no difference is beyond noise." in whole.notes
 
 
+def test_a_caption_speaks_of_what_there_is() -> None:
+    rows = made_rows(1, larger=1.3)
+    (whole, *_) = summary(compare(replaced(rows, {"system": "vins", "run": "3"}, status=FAILED)))
+    assert all(word in whole.notes[0] for word in ("several sequences", "A failed run", "Bold:"))
+    alone = [row for row in rows if (row["system"], row["sequence"]) == ("vins", "hall")]
+    (whole,) = summary(compare(alone))
+    assert whole.notes == ("Median over runs, with the first and third quartile in brackets.",)
+    (whole,) = summary(compare(alone[:1]))
+    assert whole.notes == ("One run of each: how much runs differ is not known.",)
+
+
 def test_failures_are_counted_in() -> None:
     rows = [
         {**row, "status": FAILED} if row["system"] == "vins" and row["run"] != "0" else row

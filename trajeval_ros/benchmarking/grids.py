@@ -13,10 +13,9 @@ from trajeval_ros.benchmarking.figures import Figure
 from trajeval_ros.benchmarking.ranks import LEVEL
 from trajeval_ros.benchmarking.table import Cell, Comparison, Counts, Table
 
-CAPTION = (
-    "Median over runs, with the first and third quartile in brackets; over several sequences the"
-    " means of these (of errors geometric means). A failed run is worse than any other. Bold:"
-    " better than the second by more than noise (rank tests over runs, within sequences; 5 %,"
+_MEANS = "over several sequences the means of these (of errors geometric means)"
+_BOLD = (
+    "Bold: better than the second by more than noise (rank tests over runs, within sequences; 5 %,"
     " Holm's correction over the figures)."
 )
 _RANKS = (
@@ -114,7 +113,8 @@ def _notes(table: Table) -> Iterator[str]:
     if not any(each.evaluated for each in table.counts):
         yield "No run could be evaluated."
         return
-    yield CAPTION
+    if caption := _caption(table):
+        yield caption
     if any(cell.median is not None and not cell.whole for row in table.cells for cell in row):
         yield _NOT_WHOLE
     if any(not np.isfinite(cell.median or 0.0) for row in table.cells for cell in row):
@@ -130,6 +130,21 @@ def _notes(table: Table) -> Iterator[str]:
             )
         else:
             yield "Nothing is bold: no difference is beyond noise."
+
+
+def _caption(table: Table) -> str:
+    """How the cells are to be read, of what there is in this table."""
+    several = len(table.sequences) > 1
+    if table.most_runs > 1:
+        runs = "Median over runs, with the first and third quartile in brackets"
+        parts = [f"{runs}; {_MEANS}." if several else f"{runs}."]
+    else:
+        parts = ["Means over the sequences (of errors geometric means)."] if several else []
+    if any(each.failed for each in table.counts):
+        parts.append("A failed run is worse than any other.")
+    if any(cell.best for row in table.cells for cell in row):
+        parts.append(_BOLD)
+    return " ".join(parts)
 
 
 def _ranks(comparison: Comparison) -> Grid:

@@ -43,10 +43,8 @@ _BANDS = (
     " errors under each run's own alignment (RMS in 200 bins). Where fewer than half of the runs"
     " have a pose there is neither."
 )
-_SHARES = (
-    "How many of a system's runs, on all sequences together, have an error of at most this. A curve"
-    " ends below 100 % by the share of runs that failed."
-)
+_SHARES = "How many of a system's runs{where} have an error of at most this."
+_ENDS = " A curve ends below 100 % by the share of runs that failed."
 _RANKS = (
     "A bar is as wide as the critical difference (Nemenyi, 5 %): systems whose bars do not overlap"
     " are told apart."
@@ -73,8 +71,10 @@ class Benchmark:
 
 def page(benchmark: Benchmark) -> str:
     """Return ``report.html``."""
+    comparison = benchmark.comparison
+    whole = "Over all" if len(comparison.each) > 1 else html.escape(comparison.over_all.title)
     sections = [
-        ("Over all", "".join(_over_all(benchmark))),
+        (whole, "".join(_over_all(benchmark))),
         ("Each sequence", _tabs(benchmark)),
         ("Errors over time", _over_time(benchmark)),
         ("All runs", _all_runs(benchmark)),
@@ -89,7 +89,7 @@ def page(benchmark: Benchmark) -> str:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>Benchmark</title><style>{_STYLE.read_text(encoding='utf-8')}"
-        f"{_tab_style(len(benchmark.comparison.over_all.figures))}</style></head>\n<body>\n"
+        f"{_tab_style(len(comparison.over_all.figures))}</style></head>\n<body>\n"
         f"<h1>Benchmark</h1>\n{_head(benchmark)}\n{body}\n"
         "<footer>trajeval_ros</footer>\n</body></html>\n"
     )
@@ -119,6 +119,11 @@ def _says(benchmark: Benchmark) -> Iterator[tuple[bool, str]]:
     """What there is to know first, and whether it is bad."""
     comparison = benchmark.comparison
     table = comparison.over_all
+    if not any(counts.evaluated for counts in table.counts):
+        first = benchmark.rows[0]
+        name = "/".join(str(first[part]) for part in ("system", "sequence", "run"))
+        why = html.escape(f"{name}: {first['error']}")
+        yield True, f"No run could be evaluated. The first, {why}."
     for place, system in enumerate(comparison.systems):
         best = [
             f.title
@@ -137,6 +142,8 @@ def _says(benchmark: Benchmark) -> Iterator[tuple[bool, str]]:
     yield from ((False, line) for line in _each_best(comparison))
     failed = [
         f"<b>{html.escape(system)}</b> {counts.failed} of {counts.evaluated + counts.failed}"
+        if counts.evaluated or counts.failed == 1
+        else f"<b>{html.escape(system)}</b> all {counts.failed}"
         for system, counts in zip(comparison.systems, table.counts, strict=True)
         if counts.failed
     ]
@@ -310,7 +317,10 @@ def _all_runs(benchmark: Benchmark) -> str:
     picture = charts.shares(ate, runs, comparison.systems)
     if not picture:
         return ""
-    return f"<figure class=whole>{picture}<figcaption>{_SHARES}</figcaption></figure>"
+    where = ", on all sequences together," if len(comparison.each) > 1 else ""
+    ends = _ENDS if any(row["status"] == FAILED for row in benchmark.rows) else ""
+    caption = _SHARES.format(where=where) + ends
+    return f"<figure class=whole>{picture}<figcaption>{caption}</figcaption></figure>"
 
 
 def _against(verdict: Verdict | None) -> str:
