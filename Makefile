@@ -162,7 +162,7 @@ bench: install
 SEED  ?= 1
 CASES ?= 400
 HOURS ?= 24
-MINUTES ?= 5
+MINUTES ?= 8
 
 ## fuzz: damaged files, bags, messages and parameters (SEED, CASES); repeat one: see CONTRIBUTING.md
 .PHONY: fuzz

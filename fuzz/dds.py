@@ -38,6 +38,8 @@ _RATES, _STDS = (20.0, 2.0), (2e-3, 1e-2)
 # As shares of the run.
 _JUMPS, _RETURN, _FULL = (0.05, 0.55), 0.35, (0.45, 0.5)
 _PATIENCE = 60.0
+# The report's history is full after half an hour, and the second tenth is to be after that.
+_HOURS = 4.0
 
 
 class Feeder:
@@ -191,8 +193,8 @@ def _check(output: Path, fed: Sequence[int]) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run, print a table; return 0, or 1 where something grew or was lost."""
     parser = argparse.ArgumentParser(prog="python -m fuzz.dds", description=__doc__)
-    parser.add_argument("--minutes", type=float, default=5.0)
-    parser.add_argument("--speed", type=float, default=20.0, help="seconds of stamps a second")
+    parser.add_argument("--minutes", type=float, default=8.0)
+    parser.add_argument("--speed", type=float, default=40.0, help="seconds of stamps a second")
     arguments = parser.parse_args(argv)
     with tempfile.TemporaryDirectory(prefix="soak-") as name, own_domain() as domain:
         try:
@@ -201,6 +203,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"failed: {failure}")
             return 1
     wrong = judge(tenths)
+    hours = arguments.minutes * arguments.speed / 60.0
+    if hours < _HOURS:
+        print(f"memory is not judged: in {hours:.1f} h of stamps what is kept is not full yet")
+        wrong = [line for line in wrong if "memory" not in line]
     print("\n".join([table(tenths), *wrong]))
     return int(bool(wrong))
 
