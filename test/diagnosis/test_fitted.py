@@ -16,6 +16,7 @@ from trajeval_ros.diagnosis.fitted import (
     lever_arm_is_beyond_doubt,
     shown_of_lever_arm,
     together,
+    told_lever_arm,
 )
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
@@ -155,3 +156,15 @@ def test_whether_there_is_an_answer(codes, misread):
     parameters = {"relative.delta": 1.0, "relative.unit": "s"}
     told = dict(answer(summary, parameters))
     assert ("not told" in told.get("Kind of error", "")) is misread
+
+
+@pytest.mark.parametrize(("widest", "beyond"), [(0.003, True), (0.02, False)])
+def test_a_lever_arm_is_as_uncertain_as_the_error_model_has_it(widest: float, beyond: bool) -> None:
+    """16 mm at five standard deviations of noise alone, and at less than one of a drift."""
+    arm = {"value": [-0.004, -0.0162, 0.0], "std": [0.006, 0.003, 0.006]}
+    model = {"extrinsic": {"translation": {"value": [0.0] * 3, "std": [0.006, widest, 0.006]}}}
+    told = told_lever_arm(arm, model)
+    assert told is not None
+    assert lever_arm_is_beyond_doubt(told) == beyond
+    assert told_lever_arm(arm, None) == arm
+    assert told_lever_arm(None, model) is None
