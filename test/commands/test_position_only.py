@@ -157,15 +157,24 @@ def test_two_estimates_are_compared_by_their_positions(
     assert comparison.re_translation is None
 
 
-def test_a_robot_that_never_turns_has_an_orientation(tmp_path: Path) -> None:
-    stamps = [0.05 * i for i in range(400)]
-    for name, scale in (("truth", 1.0), ("estimate", 1.01)):
-        rows = [f"{t:.3f} {scale * (t - 10) ** 2 / 50:.6f} {t / 4:.6f} 0 0 0 0 1" for t in stamps]
-        (tmp_path / name).write_text("\n".join(rows) + "\n")
-    read = te.read_tum(tmp_path / "truth"), te.read_tum(tmp_path / "estimate")
-    summary = te.evaluate(*read).summary
+@pytest.mark.parametrize("turns", [0.0, 1e-3])
+def test_a_robot_that_never_turns(turns: float, tmp_path: Path, capsys: Any) -> None:
+    """By its estimate it does, a little: an error. Where neither ever turns none is told."""
+    rng = np.random.default_rng(0)
+    stamps = 0.05 * np.arange(400)
+    for name, scale, turn in (("truth", 1.0, 0.0), ("estimate", 1.01, turns)):
+        x, y = scale * (stamps - 10.0) ** 2 / 50.0, stamps / 4.0
+        z = turn * rng.normal(size=len(stamps))
+        none = np.zeros(len(stamps))
+        rows = np.column_stack([stamps, x, y, none, none, none, z, np.sqrt(1.0 - z**2)])
+        np.savetxt(tmp_path / name, rows, fmt="%.9f")
+    files = [str(tmp_path / name) for name in ("truth", "estimate")]
+    assert evaluate.main(["tum", *files, "--output", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert "position_only" not in summary
-    assert summary["conventional"]["ate_rotation_rmse"] is not None
+    assert summary["relative"]["log_likelihood"] is not None
+    for name in ("ate_rotation_rmse", "re_rotation_rmse"):
+        assert (summary["conventional"][name] is not None) == (turns > 0.0)
 
 
 def test_the_modes_of_an_rtk_receiver_are_in_the_answer(tmp_path: Path) -> None:

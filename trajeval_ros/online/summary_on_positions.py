@@ -63,6 +63,20 @@ def on_positions(
     return result
 
 
+def without_rotation(summary: Mapping[str, Any]) -> Figures:
+    """The summary of two trajectories that both never turn: no error of a rotation is told.
+
+    Their orientations are most likely none; what needs some is of the positions all the same.
+    """
+    conventional = dict(summary["conventional"])
+    for key in ("ate_rotation_rmse", "re_rotation_rmse"):
+        conventional[key] = None
+    if conventional.get("distributions"):
+        nothing = dict.fromkeys(("ate_rotation", "re_rotation"))
+        conventional["distributions"] = {**conventional["distributions"], **nothing}
+    return {**summary, "conventional": conventional}
+
+
 def window_on_positions(summary: Mapping[str, Any], window: Window, gauge: Gauge) -> Figures:
     """A summary's ``window`` likewise."""
     poses, count = window.poses, len(window.poses)

@@ -29,8 +29,12 @@ from trajeval_ros.online.results import NO_EVALUATIONS, Evaluations, Health, Not
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import EstimateSettings, EvaluationSettings, Timing
 from trajeval_ros.online.summary import distributions, summarize, window_figures
-from trajeval_ros.online.summary_on_positions import on_positions, window_on_positions
-from trajeval_ros.online.turned import TURNS, Turned
+from trajeval_ros.online.summary_on_positions import (
+    on_positions,
+    window_on_positions,
+    without_rotation,
+)
+from trajeval_ros.online.turned import CONSTANT, TURNS, Turned
 from trajeval_ros.online.window import EvaluatedPoses
 from trajeval_ros.online.withdrawn import Withdrawn
 
@@ -551,7 +555,8 @@ class Track:
     def _told(self, figures: dict[str, object]) -> dict[str, object]:
         """The figures without what contains an orientation, where there is none."""
         if not self.is_position_only:
-            return figures
+            neither = self._reference.never_turns and self._turned.most <= CONSTANT
+            return without_rotation(figures) if neither and self._evaluation.count else figures
         turns = self._reference.has_orientation
         return on_positions(figures, self._evaluation.positions, truth_turns=turns)
 
@@ -571,7 +576,7 @@ class Track:
                 **self._told(told),
                 "window": window_on_positions(of_window, window, evaluation.gauge),
             }
-        return {**told, "window": of_window}
+        return {**self._told(told), "window": of_window}
 
 
 def _rate(interval: float) -> str:
