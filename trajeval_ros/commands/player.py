@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
@@ -25,6 +26,7 @@ from trajeval_ros.commands.console import CommandError, Progress, UsageError
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.participant import Participant
 from trajeval_ros.commands.schedule import Schedule, merge
+from trajeval_ros.commands.sent import SENT
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.rcl_errors import first_line
 
@@ -122,6 +124,7 @@ class Player(Participant):
             self._node.create_publisher(kind, name, qos)
             for kind, name in zip(kinds, self._names, strict=True)
         ]
+        self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._clock = self._node.create_publisher(Clock, "/clock", 10) if clock else None
         self._templates = [
             _Template(kind, frames[min(topic, 1)]) for topic, kind in enumerate(kinds)
@@ -205,6 +208,20 @@ class Player(Participant):
         # Of all, even when the first one fails.
         acknowledged = [publisher.wait_for_all_acked(timeout) for publisher in self._publishers]
         return all(acknowledged)
+
+    def say_all_is_sent(self, seconds: float) -> None:
+        """Say on ``/diagnostics`` that everything has been published, and how much of it."""
+        values = [
+            KeyValue(key=publisher.topic_name, value=str(count))
+            for publisher, count in zip(self._publishers, self._published, strict=True)
+        ]
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.OK, name=SENT, message="all has been sent", values=values
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+        self._diagnostics.wait_for_all_acked(Duration(seconds=seconds))
 
     def account(self) -> str:
         """Return what has been published, as one line."""

@@ -132,6 +132,7 @@ def replay(arguments: argparse.Namespace, ros_arguments: Sequence[str]) -> int:
             player.wait_for_subscribers(arguments.wait)
             player.play(arguments.rate, loop=arguments.loop)
             acknowledged = player.wait_for_acknowledgement(10.0)
+            player.say_all_is_sent(1.0)
         except KeyboardInterrupt:
             print(f"{player.account()}, interrupted")
             return console.DONE

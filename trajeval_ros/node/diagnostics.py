@@ -175,6 +175,13 @@ def _check_presence(state: InputState, health: TopicHealth, traffic: Traffic) ->
     return []
 
 
+def check_ending(written: bool) -> Status:
+    """What the node says last: it was asked to end, and whether what it had to write is there."""
+    if written:
+        return Status("run", Level.OK, "ended")
+    return Status("run", Level.ERROR, "ended, and could not write the output folder")
+
+
 def check_synchronization(health: Health, time_offset: int, tolerance: int) -> Status:
     """Whether the two trajectories are of the same time.
 

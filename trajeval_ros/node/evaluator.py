@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -22,6 +22,7 @@ from trajeval_ros.node.any_message import AnyInput
 from trajeval_ros.node.beside import Beside
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
 from trajeval_ros.node.compared import Compared
+from trajeval_ros.node.diagnostics import Status, check_ending
 from trajeval_ros.node.discovery import waiting
 from trajeval_ros.node.estimate import SHARE, Estimate
 from trajeval_ros.node.figures import summary_lines
@@ -161,7 +162,9 @@ class Evaluator(Node):
         publishers = [p for each in self._estimates for p in each.outputs.publishers]
         if self._compared is not None:
             publishers.insert(0, self._compared.table.publisher)
-        flush([self._metrics.publisher, *publishers], _PARTING)
+        said = [check_ending(written)]
+        shield("the last health", lambda: self._on_diagnostics(said), None, self._say_defect)
+        flush([self._metrics.publisher, *publishers, self._monitor.publisher], _PARTING)
         self._session.close()
         return written
 
@@ -208,9 +211,9 @@ class Evaluator(Node):
         for each in self._inputs:
             each.discover()
 
-    def _on_diagnostics(self) -> None:
+    def _on_diagnostics(self, ending: Sequence[Status] = ()) -> None:
         states = [each.state for each in self._inputs]
-        self._monitor.publish(states, self.follows_clock, self._ros_now())
+        self._monitor.publish(states, self.follows_clock, self._ros_now(), ending)
 
     def _on_comparison(self) -> None:
         if self._compared is not None:

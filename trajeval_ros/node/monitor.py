@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from trajeval_ros.node.diagnostics import (
@@ -68,6 +69,11 @@ class Monitor:
         self._clock_moved = time.monotonic()
 
     @property
+    def publisher(self) -> Publisher:
+        """That of ``/diagnostics``."""
+        return self._publisher
+
+    @property
     def messages(self) -> int:
         """Messages taken so far."""
         return sum(count.messages for count in self._topics)
@@ -97,10 +103,17 @@ class Monitor:
             count.rejected_before = {}
             count.frame_changes_before = 0
 
-    def publish(self, states: Sequence[InputState], sim_time: bool, now: int | None) -> None:
+    def publish(
+        self,
+        states: Sequence[InputState],
+        sim_time: bool,
+        now: int | None,
+        ending: Sequence[Status] = (),
+    ) -> None:
         """Publish the node's health of the period since the last call.
 
-        ``states``: of the ground truth and of each estimate; ``now`` on the ROS clock.
+        ``states``: of the ground truth and of each estimate; ``now`` on the ROS clock; ``ending``:
+        what else there is to say, at the end.
         """
         steady, processor = time.monotonic(), time.process_time()
         period = max(steady - self._published, 1e-3)
@@ -166,7 +179,7 @@ class Monitor:
         ]
         self._published, self._processor = steady, processor
         self._longest_batch, self._evaluated_before = 0.0, evaluated
-        self._send(statuses)
+        self._send([*statuses, *ending])
 
     def _check_topic(
         self,

@@ -19,6 +19,7 @@ from browser import Browser, get, whole
 from chromium import chromium
 
 from trajeval_ros.commands import watch
+from trajeval_ros.commands.simulate import write_files
 from trajeval_ros.report.words import angle, length
 
 pytest.importorskip("aiohttp", reason="aiohttp is not installed")
@@ -27,7 +28,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
 from node.data import run
-from node.harness import Graph, Process, save_samples
+from node.harness import Graph, Process, save_samples, values_of
 
 pytestmark = pytest.mark.ros
 
@@ -244,7 +245,7 @@ def test_a_node_that_ends_and_comes_back_is_said(graph: Graph, tmp_path: Path) -
     graph.until_accounted("estimate", count)
     graph.until(lambda: page.message["curves"]["errors/estimate"]["rows"], "curves")
     assert first.end() == 0
-    graph.until(lambda: page.is_said("gone", "the publisher is gone"), "gone")
+    graph.until(lambda: page.is_said("ended", "/evaluator has ended"), "its end")
     # What was there stays to be looked at.
     assert page.message["curves"]["errors/estimate"]["rows"]
     assert page.message["run"] == 0
@@ -262,6 +263,33 @@ def test_a_node_that_ends_and_comes_back_is_said(graph: Graph, tmp_path: Path) -
     graph.call("/evaluator/reset")
     graph.until(lambda: page.message["run"] == 2, "a run after the reset")
     assert page.process.end(signal.SIGTERM) == 0
+
+
+def test_a_player_that_leaves_is_a_warning_unless_it_had_sent_all(
+    graph: Graph, tmp_path: Path
+) -> None:
+    page = Watch(graph)
+    graph.start_evaluator()
+    until_met(graph, page)
+    files = [str(path) for path in write_files(tmp_path / "run", 6.0, 3)]
+    replay = ("-m", "trajeval_ros.commands.replay", *files, "--no-clock")
+
+    def is_said(level: str, words: str) -> bool:
+        now = {each["name"]: each for each in page.sections["health"]["now"]}
+        said = [now.get(name, {"level": "", "text": ""}) for name in ("estimate", "ground truth")]
+        return all(each["level"] == level and words in each["text"] for each in said)
+
+    player = graph.start(*replay, "--rate", "10")
+    graph.until(lambda: "all acknowledged" in player.output, "the end of the player")
+    graph.until(lambda: is_said("OK", "all has been sent"), "that all has been sent")
+    events = [event["text"] for event in page.sections["health"]["events"]]
+    assert not any("publisher is gone" in text for text in events)
+    # Another one, and it is interrupted.
+    received = int(values_of(graph.health()["ground truth"])["received"])
+    player = graph.start(*replay, "--rate", "0.5")
+    graph.until_accounted("ground_truth", received + 20)
+    assert player.end() == 0
+    graph.until(lambda: is_said("WARN", "its publisher is gone"), "that it has left")
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from trajeval_ros.commands.monitor import health_of, values_of
 from trajeval_ros.commands.participant import Participant
+from trajeval_ros.commands.sent import SENT
 from trajeval_ros.commands.watching.history import Gathered
 from trajeval_ros.commands.watching.state import ALONE, ERRORS, GROUND_TRUTH, Watched
 
@@ -35,6 +36,9 @@ _SILENCE = 4.0
 _PATIENCE = 1.0
 # Of a topic in one turn; what is beyond it waits for the next one.
 _MOST = 5000
+
+ENDING = "run"
+"""The status in which a node says that it has ended."""
 
 _FEW = QoSProfile(depth=100)
 _MANY = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -116,6 +120,7 @@ class Listener(Participant):
         self._run = watched.run
         self._heard = 0.0
         self._is_gone = False  # the node that was there
+        self._ending = ""  # what it said of its end
         self._is_new = False  # what is heard, and not seen on the graph yet
         self._next_discovery = 0.0
 
@@ -141,6 +146,7 @@ class Listener(Participant):
             if self._is_gone:
                 # Another one is heard before it is seen.
                 self._watched.start_over()
+                self._ending = ""
                 self._is_gone, self._is_new = False, True
             self._watched.take_metrics(_stamp(message), values_of(message))
         for message in self._compared.take():
@@ -164,6 +170,7 @@ class Listener(Participant):
             if publishers != self._publishers:
                 # From now on it is to be heard.
                 self._heard = now
+                self._ending = ""
             self._publishers = publishers
             self._follow()
         elif self._publishers and not self._is_new:
@@ -173,6 +180,8 @@ class Listener(Participant):
     def _standing(self, publishers: int, now: float) -> tuple[str, str]:
         if not publishers and not self._publishers:
             return "waiting", f"waiting for {self._name}{self._instead()}"
+        if not publishers and self._ending:
+            return "ended", f"{self._name} has {self._ending}"
         if not publishers:
             return "gone", f"the publisher is gone: {self._name} has ended or died"
         if now - self._heard > _SILENCE:
@@ -217,7 +226,12 @@ class Listener(Participant):
 
     def _take_health(self, message: Any, now: float) -> None:
         for status in message.status:
-            if status.name.startswith(self._health_prefix):
+            if status.name == SENT:
+                values = health_of(status).values
+                self._watched.take_sent({topic: int(count) for topic, count in values.items()})
+            elif status.name == f"{self._health_prefix}{ENDING}":
+                self._ending = status.message
+            elif status.name.startswith(self._health_prefix):
                 self._heard = now
                 name = status.name.removeprefix(self._health_prefix)
                 self._watched.take_health(name, health_of(status))

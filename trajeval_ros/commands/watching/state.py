@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.commands.live import LEVELS, Health, State
+from trajeval_ros.commands.sent import without_departure
 from trajeval_ros.commands.watching.history import Curves, latest, worst
 from trajeval_ros.report.covered import percent
 from trajeval_ros.report.series import upwards, vertical_axis
@@ -81,11 +82,12 @@ class Watched:
         self._state = State(0.0, 0.0)
         self._estimates = {name: _Estimate() for name in names}
         self._paths: dict[str, npt.NDArray[np.float64]] = {}
+        self._sent: Counter[str] = Counter()
 
     # ------------------------------------------------------------------------------ what comes in
 
     def connect(self, state: str, text: str) -> None:
-        """Say how it stands with the node: ``waiting``, ``live``, ``silent``, ``gone``; why."""
+        """Say how it stands: ``waiting``, ``live``, ``silent``, ``ended``, ``gone``; and why."""
         found = {"state": state, "text": text}
         if found != self._connection:
             self._connection = found
@@ -168,12 +170,17 @@ class Watched:
 
     def take_health(self, name: str, health: Health) -> None:
         """Take in an entry of ``/diagnostics``."""
+        health = without_departure(health, self._sent)
         before = self._state.health.get(name)
         self._state.take_health(name, health)
         if before is None:
             self.name_estimates(list(self._estimates), several=self._several)
         if before is None or (before.level, before.message) != (health.level, health.message):
             self._versions["health"] += 1
+
+    def take_sent(self, counts: Mapping[str, int]) -> None:
+        """A publisher has sent all it had: so many messages of each topic."""
+        self._sent.update(counts)
 
     def _seconds(self, stamp: int) -> float:
         self.begin(stamp)
