@@ -68,12 +68,10 @@ def pair_targets(sequence: str, estimate: str, rounds: int = 4) -> Iterator[Targ
         written = [[*ours[0], "--output", folder]]
         works = (ours, theirs, written)
         times = np.array([[seconds(work) for work in works] for _ in range(rounds + 1)][1:])
-    for column, name in enumerate(("wall", "processor")):
-        ratios = np.median(times[:, :, column] / times[:, 1:2, column], axis=0)
-        yield at_most(f"{sequence}/{estimate}: {name} time over evo's", float(ratios[0]), 0.5)
-        yield at_most(
-            f"the same, report and table of poses written, {name} time", float(ratios[2]), 0.65
-        )
+    # By the processor: these wait for nothing, and the machine may have other work.
+    ratios = np.median(times[:, :, 1] / times[:, 1:2, 1], axis=0)
+    yield at_most(f"{sequence}/{estimate}: processor time over evo's", float(ratios[0]), 0.5)
+    yield at_most("the same, report and table of poses written", float(ratios[2]), 0.65)
 
 
 def long_run(folder: Path, seconds: int) -> list[str]:
@@ -114,7 +112,6 @@ def long_targets(seconds_of_data: int = 7200) -> Iterator[Target]:
         ours = seconds([[sys.executable, "-m", "trajeval_ros.commands.evaluate", "tum", *files]])
         theirs = seconds([[evo(name), "tum", *files, "-a"] for name in ("evo_ape", "evo_rpe")])
     what = f"{seconds_of_data / 3600:g} h of 100 Hz and 20 Hz"
-    yield at_most(f"{what}: wall time over evo's", float(ours[0] / theirs[0]), 0.5)
     yield at_most(f"{what}: processor time over evo's", float(ours[1] / theirs[1]), 0.5)
     yield at_most(f"{what}: peak memory, MB", float(ours[2]), 250.0, ".0f")
     yield Target(f"{what}: evo's, MB", "", f"{theirs[2]:.0f}", None)

@@ -19,7 +19,7 @@ class SkippedError(Exception):
 class Table:
     """Figures in words, with the place ``name`` of the page ``page`` below docs/ they go to.
 
-    ``page`` None: they are printed only.
+    ``page`` None: they are printed only; and so are the rows ``further``.
     """
 
     name: str
@@ -27,10 +27,11 @@ class Table:
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     page: str | None = "performance.md"
+    further: tuple[tuple[str, ...], ...] = ()
 
     def text(self) -> str:
         """Return the table for a terminal."""
-        lines = [self.header, *self.rows]
+        lines = [self.header, *self.rows, *self.further]
         widths = [max(len(line[i]) for line in lines) for i in range(len(self.header))]
         return "\n".join(
             [self.title]
@@ -75,10 +76,16 @@ def write(table: Table | Picture, docs: Path = DOCS) -> None:
 
 
 def targets(name: str, title: str, found: Sequence[Target], page: str = "performance.md") -> Table:
-    """Return the table of what was aimed at, and what came out."""
+    """Return the table of what was aimed at, and what came out.
+
+    What is measured without an aim is printed, and left out of the page.
+    """
     header = ("figure", "aim", "measured", "")
-    rows = tuple((t.figure, t.aim, t.measured, t.verdict) for t in found)
-    return Table(name, title, header, rows, page)
+    aimed, others = (
+        tuple((t.figure, t.aim, t.measured, t.verdict) for t in found if (t.met is None) is is_open)
+        for is_open in (False, True)
+    )
+    return Table(name, title, header, aimed, page, others)
 
 
 @dataclass(frozen=True, slots=True)
