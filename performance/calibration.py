@@ -174,13 +174,16 @@ def score_process(cell: Cell, process: str, lag: int | None) -> Score:
 
 def score(cell: Cell, ground_truth: GroundTruth, lag: int | None) -> Score:
     """Predict with what ``ground_truth`` has learned; ``lag`` (ns) None: with all data."""
-    posterior = ground_truth.posterior(cell.held_out.stamps, until(cell, lag))
+    posterior = ground_truth.posterior(cell.held_out.stamps, until(cell, lag), twists=True)
+    assert posterior.twists is not None
     hyperparameters = ground_truth.hyperparameters
     assert hyperparameters is not None
     noise = np.repeat(
         [hyperparameters.translation.noise_std**2, hyperparameters.rotation.noise_std**2], 3
     )
-    covariance = posterior.covariances + np.diag(noise)
+    fit = ground_truth.fit
+    along = (0.0 if fit is None else fit.stamp_std) * posterior.twists.means
+    covariance = posterior.covariances + np.diag(noise) + along[:, :, None] * along[:, None]
     error = se3.log(se3.compose(se3.inverse(posterior.poses), cell.held_out.poses))
     square = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
     log_det = np.linalg.slogdet(2.0 * np.pi * covariance)[1]

@@ -1,10 +1,10 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration on recordings that no constant was chosen with.
+"""Calibration on recordings of two halves: that constants were chosen on, and that none were.
 
-``recordings.csv`` says where they are from. They are read from the folder that the environment
-variable ``TRAJEVAL_RECORDINGS`` names: ``<name>.txt`` in TUM's format, the first eight columns of
-the path given there.
+``recordings.csv`` says which is which, and where they are from. They are read from the folder that
+the environment variable ``TRAJEVAL_RECORDINGS`` names: ``<name>.txt`` in TUM's format, made of the
+path given there: its first eight columns but for the trolley's, whose date is to be put in seconds.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from performance.tables import SkippedError, Table
 
 SOURCES = Path(__file__).with_name("recordings.csv")
 RATES = (20, 10, 5, 2)
+HALVES = ("chosen on", "held out")
 _LEAST_HELD_OUT = 20
 
 
@@ -53,23 +54,37 @@ def measure(cell: Cell) -> Measured:
 def run() -> Iterator[Table]:
     """Measure all cells of the recordings that are there."""
     folder = Path(os.environ.get("TRAJEVAL_RECORDINGS", "none"))
-    with SOURCES.open(encoding="utf-8") as file:
-        kinds = {row["name"]: row["kind"] for row in csv.DictReader(file)}
-    there = [name for name in kinds if (folder / f"{name}.txt").exists()]
+    there = [row for row in sources() if (folder / f"{row['name']}.txt").exists()]
     if not there:
         raise SkippedError("the recordings are not there (TRAJEVAL_RECORDINGS)")
     measured = [
         measure(cell)
-        for name in there
-        for cell in cells_of(name, read(folder / f"{name}.txt"), RATES)
+        for row in there
+        for cell in cells_of(row["name"], read(folder / f"{row['name']}.txt"), RATES)
         if len(cell.held_out) >= _LEAST_HELD_OUT
     ]
-    yield _overview(measured)
+    for half in HALVES:
+        yield from tables_of(half, measured)
+
+
+def sources() -> list[dict[str, str]]:
+    """Return the rows of ``recordings.csv``."""
+    with SOURCES.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def tables_of(half: str, measured: list[Measured]) -> Iterator[Table]:
+    """Return the tables of the recordings of one half."""
+    kinds = {row["name"]: row["kind"] for row in sources() if row["half"] == half}
+    here = [cell for cell in measured if cell.sequence in kinds]
+    if not here:
+        return
+    yield _overview(half, here)
     rows = []
-    for name in there:
-        here = {cell.rate: cell for cell in measured if cell.sequence == name}
+    for name in dict.fromkeys(cell.sequence for cell in here):
+        cells = {cell.rate: cell for cell in here if cell.sequence == name}
         found = [
-            f"{here[rate].live[process].anees:.2f}" if rate in here else ""
+            f"{cells[rate].live[process].anees:.2f}" if rate in cells else ""
             for process in (KERNELS[0], ON_THE_WAY)
             for rate in RATES
         ]
@@ -80,11 +95,11 @@ def run() -> Iterator[Table]:
         *(f"{rate} Hz" for rate in RATES),
         *(f"{rate} Hz, on the way" for rate in RATES),
     )
-    title = "ANEES, with the samples up to 0.3 s later"
-    yield Table("recordings anees", title, header, tuple(rows), "calibration.md")
+    title = f"ANEES, with the samples up to 0.3 s later: {half}"
+    yield Table(f"recordings anees {half}", title, header, tuple(rows), "calibration.md")
 
 
-def _overview(measured: list[Measured]) -> Table:
+def _overview(half: str, measured: list[Measured]) -> Table:
     rows = []
     for known, words in ((calibration.with_all_data, "all samples"), (with_lag, "lag")):
         for process in (KERNELS[0], ON_THE_WAY):
@@ -109,5 +124,5 @@ def _overview(measured: list[Measured]) -> Table:
         "coverage",
         "position RMSE / spline's",
     )
-    title = f"{len(measured)} cells of recordings that no constant was chosen with"
-    return Table("recordings overview", title, header, tuple(rows), "calibration.md")
+    title = f"{len(measured)} cells of recordings: {half}"
+    return Table(f"recordings overview {half}", title, header, tuple(rows), "calibration.md")

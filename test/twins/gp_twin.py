@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import gammaln
 
 FLAT = 1e3  # standard deviation of the mean, in units of the signal's
-NU = 10.0
+NU = 20.0
 
 
 def correlation(name, u):

@@ -20,7 +20,7 @@ _ANEW = 200
 # The noise has grown when it is so many times that of the first segments.
 _GROWN = 3.0
 _OWN = 0.7
-# Of the soft limit: less noise than this is not known well enough to grow.
+# What noise usually is lies from a fifth of the soft limit to it: the middle of their logarithms.
 _MIDDLE = 0.45
 # Fewer samples do not tell noise from motion.
 _ENOUGH = 24
@@ -147,7 +147,7 @@ def _white(epoch: Epoch) -> tuple[float, float]:
 
 
 def _usual(process: Process) -> tuple[float, float]:
-    """What noise has to exceed to grow, of translation and rotation; zero where it is given."""
+    """The middle of what noise usually is, of translation and rotation; zero where it is given."""
     if process.learned is None:
         return 0.0, 0.0
     translation, rotation = (_MIDDLE * learned.grid.soft_limit for learned in process.learned)

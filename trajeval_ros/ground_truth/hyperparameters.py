@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 # How firmly a segment's scale is held at one: as if so many coordinates had been seen before. Few
 # leave quiet segments overconfident; many do not let the process follow a change of the motion.
-DEGREES_OF_FREEDOM = 10.0
+DEGREES_OF_FREEDOM = 20.0
 # Nor is a segment's scale less than this: that it fits well where it is sampled does not make it
 # as good between the samples.
-LEAST_SCALE = 0.1
+LEAST_SCALE = 0.5
 
 # Noise less than so much of a kernel's σ, and the covariance of the samples is singular but for
 # round-off.

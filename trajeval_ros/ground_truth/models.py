@@ -160,8 +160,8 @@ class MotionAndNoise:
         n² = n_0² + f² Σ_k w_k q_k hᵐ,   q_k = c_k σ_k² (√m/l_k)ᵐ,   m = 5, 7, 3,
 
     q being the spectral density of the white noise that drives a Matérn process, and n_0 has a
-    prior: flat in log n_0 from a tenth of the soft limit to the limit, falling off as a power of it
-    below, and above at first as a normal density.
+    prior: flat in log n_0 from a fifth of the soft limit to the limit, falling off on both sides,
+    at last by a power only where it is large.
     Where rough motion can stand for the noise, the likelihood hardly falls as n_0 goes to zero, and
     the errors between the samples would be many times as large as such a process says: samples have
     to show that they are cleaner than usual. The constants come from ``performance/calibration.py``
@@ -170,11 +170,10 @@ class MotionAndNoise:
 
     correlated_share: float = 0.7
     correlation_intervals: float = 0.7
-    motion_share: float = 0.006
+    motion_share: float = 0.012
     smooth_length: tuple[float, float] = (math.log(1.2), 0.7)  # of log l of Matérn 7/2, normal
-    usual_noise: float = 0.1  # in soft limits
-    noise_power: float = 4.0  # of n_0, by which the density falls below what is usual
-    noise_std: float = 0.25  # of log n_0 above it
+    usual_noise: float = 0.2  # in soft limits
+    noise_stds: tuple[float, float] = (0.4, 0.25)  # of log n_0, below what is usual and above
     noise_tail: float = 3.0  # standard deviations above, from which on the density is a power
     shortest: float = 1.5  # of l, in sample intervals
     motions: ClassVar[tuple[_Motion, ...]] = (
@@ -223,17 +222,13 @@ class MotionAndNoise:
         gradient[3], curvature[3] = -length / std, 1.0 / std**2
         highest = math.log(grid.soft_limit)
         usual = min(max(theta[-1], highest + math.log(self.usual_noise)), highest)
-        noise = theta[-1] - usual
-        if noise < 0.0:
-            gradient[-1], improbable = self.noise_power, -self.noise_power * noise
-        else:
-            # Satellites know a position to centimetres or metres: of that much noise a few
-            # segments have to be enough evidence, so the tail above falls off by a power only.
-            far = noise / self.noise_std
-            tail = min(far, self.noise_tail)
-            gradient[-1] = -tail / self.noise_std
-            curvature[-1] = float(tail == far != 0.0) / self.noise_std**2
-            improbable = 0.5 * tail**2 + tail * (far - tail)
+        std = self.noise_stds[int(theta[-1] > usual)]
+        noise = (theta[-1] - usual) / std
+        # Satellites know a position to centimetres or metres: of that much noise a few segments
+        # have to be enough evidence, so the tail above falls off by a power only.
+        tail = min(noise, self.noise_tail)
+        gradient[-1], curvature[-1] = -tail / std, float(tail == noise != 0.0) / std**2
+        improbable = 0.5 * tail**2 + tail * (noise - tail)
         return -0.5 * length**2 - improbable, gradient, curvature
 
     def bounds(self, grid: Grid) -> Bounds:
