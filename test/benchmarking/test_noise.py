@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trajeval_ros.benchmarking.noise import holm, p_smaller
+from trajeval_ros.benchmarking.noise import holm, least_p, p_smaller
 
 
 def test_holm_is_that_of_the_textbook() -> None:
@@ -30,3 +30,9 @@ def test_p_values_are_no_smaller_than_they_claim(sequences: int, runs: int) -> N
 
 def test_nothing_in_common_tells_nothing() -> None:
     assert p_smaller({"a": np.ones(3)}, {"b": np.ones(3)}, two_sided=True) == 1.0
+
+
+def test_of_thousands_of_runs_the_least_p_is_a_number() -> None:
+    runs = np.linspace(1.0, 2.0, 2_000)
+    many = {"hall": runs, "yard": runs}
+    assert 0.0 <= least_p(many, many) < 1e-200

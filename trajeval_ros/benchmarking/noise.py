@@ -50,7 +50,8 @@ def least_p(first: Mapping[str, Runs], second: Mapping[str, Runs]) -> float:
     if _one_each(pairs):
         return float(2.0 ** (1 - len(pairs)))
     ways = math.prod(math.comb(len(a) + len(b), len(a)) for a, b in pairs)
-    return min(1.0, 2.0 / ways) if pairs else 1.0
+    # Of hundreds of runs there are more ways than a float holds.
+    return min(1.0, 2.0 / min(ways, 10**300)) if pairs else 1.0
 
 
 def _pairs(first: Mapping[str, Runs], second: Mapping[str, Runs]) -> list[tuple[Runs, Runs]]:
