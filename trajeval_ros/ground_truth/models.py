@@ -30,28 +30,17 @@ from trajeval_ros.ground_truth.kernels import (
 Array = npt.NDArray[np.float64]
 Bounds = list[tuple[float, float]]
 
-# No length scale is more than so many times a segment's duration: beyond, σ and l act only
-# together, and what σ is larger by is lost to round-off.
-_LONGEST = 5.0
+_LONGEST = 60.0  # s; beyond, σ and l act only together
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What the data are like: sample ``interval`` and a segment's ``duration`` (s), ``spread``.
-
-    And the noise that is possible.
-    """
+    """What the data are like: sample ``interval`` (s), ``spread`` and the possible noise."""
 
     interval: float
-    duration: float
     spread: float
     least_noise: float
     soft_limit: float
-
-    @property
-    def longest(self) -> float:
-        """The most that a length scale may be, s."""
-        return _LONGEST * self.duration
 
     @staticmethod
     def of(
@@ -59,10 +48,9 @@ class Grid:
     ) -> Grid:
         """Describe segments: ``times`` (n,) s and ``values`` (n, c) of each."""
         interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
-        duration = float(np.median([t[-1] - t[0] for t in times]))
         centred = np.concatenate([v - v[0] for v in values])
         spread = max(math.sqrt(float(np.mean(centred**2))), 10.0 * noise_std, 1e-9)
-        return Grid(interval, duration, spread, min(noise_std, 1e-5), soft_limit)
+        return Grid(interval, spread, min(noise_std, 1e-5), soft_limit)
 
 
 class Model(Protocol):
@@ -117,7 +105,7 @@ class OneKernel:
         """From far below to far above what the data show."""
         return [
             (math.log(1e-4 * grid.spread), math.log(100.0 * grid.spread)),
-            (math.log(0.5 * grid.interval), math.log(grid.longest)),
+            (math.log(0.5 * grid.interval), math.log(_LONGEST)),
             (math.log(grid.least_noise), math.log(grid.spread)),
         ]
 
@@ -234,7 +222,7 @@ class MotionAndNoise:
     def bounds(self, grid: Grid) -> Bounds:
         """From far below to far above what the data show."""
         signal = (math.log(1e-4 * grid.spread), math.log(100.0 * grid.spread))
-        length = (math.log(self.shortest * grid.interval), math.log(grid.longest))
+        length = (math.log(self.shortest * grid.interval), math.log(_LONGEST))
         highest = max(grid.spread, 10.0 * grid.least_noise)
         noise = (math.log(grid.least_noise), math.log(highest))
         return [signal, length] * len(self.motions) + [noise]
