@@ -75,10 +75,10 @@ def _allowed(parameter: Parameter) -> str:
         return ", ".join(f"`{choice}`" for choice in parameter.choices)
     limits = []
     if parameter.lower is not None:
-        limits.append(f"from {parameter.lower:g}")
+        limits.append(f"{parameter.lower:g}")
     if parameter.upper is not None:
         limits.append(f"to {parameter.upper:g}")
-    return ", ".join(limits)
+    return " ".join(limits)
 
 
 if __name__ == "__main__":

@@ -129,46 +129,42 @@ def _topic(name: str, title: str) -> tuple[Parameter, ...]:
         Parameter(
             f"{name}.topic",
             "",
-            f"Topic of the {title} or, as /tf:map.base_link, a transform composed along the tree;"
-            f" empty: {name}",
+            f"Topic, or a transform as /tf:map.base_link; empty: {name}",
             pattern=_TOPIC,
         ),
         Parameter(
             f"{name}.type",
             "auto",
-            f"Message type of the {title}, also any installed one as package/msg/Type; auto takes"
-            " the type of its publishers",
+            "Message type, also any installed package/msg/Type; auto: its publishers'",
             choices=("auto", *MESSAGE_TYPES, "TFMessage"),
             is_open=True,
         ),
         Parameter(
             f"{name}.field",
             "pose",
-            f"Field of the {title}'s pose where type is package/msg/Type, as in"
-            " poses[name=drone].pose",
+            "Where the pose is in a package/msg/Type, as poses[name=drone].pose",
         ),
         Parameter(
             f"{name}.stamp_field",
             "header.stamp",
-            f"Field of the {title}'s stamp, a ROS time, where type is package/msg/Type",
+            "Where the stamp of a package/msg/Type is, a ROS time",
         ),
         Parameter(
             f"{name}.axes",
             AS_GIVEN,
-            f"World and body axes of the {title}: ned_frd (north, east, down; forward, right,"
-            " down, as PX4) is turned to ROS's",
+            "World and body axes: ned_frd (as PX4) is turned to ROS's",
             choices=AXES,
         ),
         Parameter(
             f"{name}.reliability",
             "auto",
-            f"Reliability of the {title}'s subscription; auto follows its publishers",
+            "Reliability of the subscription; auto: its publishers'",
             choices=("auto", "reliable", "best_effort"),
         ),
         Parameter(
             f"{name}.use_covariance",
             False,
-            f"Take the covariance of each {title} message into account",
+            f"Whether each {title} message's covariance counts",
         ),
     )
 
@@ -193,7 +189,7 @@ def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, .
                 Parameter(
                     f"gp.{name}.{part}_std",
                     0.0,
-                    f"Standard deviation of the {text} in {title}, with matern52; 0: none",
+                    f"Standard deviation of the {text} in {title}, matern52; 0: none",
                     unit,
                     lower=0.0,
                     upper=1e6,
@@ -201,7 +197,7 @@ def _group(name: str, title: str, unit: str, noise: float) -> tuple[Parameter, .
                 Parameter(
                     f"gp.{name}.{part}_length_scale",
                     1.0,
-                    f"Length scale of the {text} in {title}, with matern52",
+                    f"Length scale of the {text} in {title}, matern52",
                     "s",
                     lower=1e-6,
                     upper=1e6,
@@ -267,7 +263,7 @@ _TABLE = (
     Parameter(
         "ground_truth.lag",
         0.3,
-        "An estimate is scored with the ground truth up to the first sample this long after it",
+        "Ground truth up to this long after an estimate is used for it",
         "s",
         lower=0.0,
         upper=60.0,
@@ -275,7 +271,7 @@ _TABLE = (
     Parameter(
         "ground_truth.max_gap",
         1.0,
-        "An estimate further than this from any ground-truth sample is not scored",
+        "Farther than this from any sample an estimate is not scored",
         "s",
         lower=1e-6,
         upper=3600.0,
@@ -283,8 +279,7 @@ _TABLE = (
     Parameter(
         "ground_truth.stamps",
         "measured",
-        "Whether the ground truth's stamps are measured, their noise to be learned, or exact; "
-        "regularize takes the regular clock's behind stamps that were set late",
+        "measured: their noise is learned; regularize: the regular clock's behind late ones",
         choices=("measured", "exact", "regularize"),
     ),
     Parameter(
@@ -296,7 +291,7 @@ _TABLE = (
     Parameter(
         "gp.hyperparameters",
         "auto",
-        "auto learns the hyperparameters, fixed takes those of gp.translation and gp.rotation",
+        "auto: learned; fixed: those of gp.translation and gp.rotation",
         choices=("auto", "fixed"),
     ),
     *_group("translation", "the translation", "m", 0.001),
@@ -323,7 +318,7 @@ _TABLE = (
     Parameter(
         "likelihood.covariance",
         "independent",
-        "Covariance between the ground truth at different estimates: none, or the posterior's",
+        "Covariance of the ground truth at different estimates: none, or the posterior's",
         choices=("independent", "joint"),
     ),
     Parameter(
