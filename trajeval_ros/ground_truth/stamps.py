@@ -52,6 +52,8 @@ _RAREST = 0.25
 _IRREGULAR = 2.0
 # So large a share of the intervals are unlike the usual one where stamps were rounded.
 _UNEVEN = 0.05
+# Ticks finer than this share of the usual interval matter only where the poses show them.
+_COARSE = 0.25
 # A sample tells where it is this share of the time between its neighbours off their midst.
 _DIFFERENT = 0.01
 # Single residuals count as no more than so many times the median of their squares.
@@ -114,7 +116,9 @@ def rounding(stamps: Sequence[Stamps], segments: Sequence[tuple[Array, Array]]) 
     # The poses tell where the motion is slow enough; and no samples that are missing leave stamps
     # within a tick of even ones for long.
     evenly = _evenly(segments)
-    if evenly < -_SIGNIFICANT or not (evenly > _SIGNIFICANT or on_even_clock(stamps, tick)):
+    told = evenly > _SIGNIFICANT
+    told |= tick >= _COARSE * usual and on_even_clock(stamps, tick)
+    if evenly < -_SIGNIFICANT or not told:
         return Rounding(0.0)
     # Uniform within the tick. Most programs cut off: then all stamps are half a tick early on
     # average, and no number of samples shows it.
