@@ -84,6 +84,13 @@ def test_samples_that_come_before_it_is_evaluated_change_nothing(index, more):
         run.ground_truth[: completing(run, run.estimate.stamps[index]) + 1 + more]
     )
     found = engine.advance().evaluations
+    given = run.ground_truth.stamps[: last + 1]
+    (gap,) = np.flatnonzero(np.diff(run.ground_truth.stamps) > LEAP)
+    before, after = run.ground_truth.stamps[[gap, gap + 1]]
+    if found.stamps.max(initial=0) < evaluations["stamps"][i]:
+        # Those after a gap are held back, until it is told whether the origin has jumped.
+        assert before < given[-1] < after + 0.75 * (after - before) + SECOND // 10
+        return
     assert found.stamps[-1] == evaluations["stamps"][i]
     np.testing.assert_allclose(
         found.ground_truth[-1], evaluations["ground_truth"][i], rtol=0, atol=1e-13

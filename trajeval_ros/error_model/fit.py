@@ -13,7 +13,15 @@ from trajeval_ros.error_model.described import described
 from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import climb, penalised, penalty
 from trajeval_ros.error_model.model import ErrorModel
-from trajeval_ros.error_model.nuisances import COUNT, Ask, Nuisances, Truth, prepare
+from trajeval_ros.error_model.nuisances import (
+    COUNT,
+    Ask,
+    Nuisances,
+    Truth,
+    prepare,
+    rounded,
+    to_resolution,
+)
 from trajeval_ros.error_model.observed import shown
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.recorded import Recorded
@@ -127,8 +135,8 @@ class _Problem:
     """The estimate, and the ground truth to ask; the owner of its latest answers."""
 
     def __init__(self, stamps: Stamps, estimate: Array, ask: Ask, known: Truth | None) -> None:
-        self._stamps, self._estimate, self._ask = stamps, estimate, ask
-        self._near = None if known is None else _recorded(stamps, known)
+        self._stamps, self._estimate, self._ask = stamps, to_resolution(estimate), ask
+        self._near = None if known is None else _recorded(stamps, rounded(known))
         self._exact: tuple[Stamps, Truth] | None = None
         self._latest: tuple[Stamps, Truth] | None = None
         self._stays_near = False
@@ -144,7 +152,7 @@ class _Problem:
     def _asked(self, stamps: Stamps) -> Truth:
         """The ground truth at ``stamps`` (N,), on its own clock."""
         if self._exact is None or (stamps != self._exact[0]).any():
-            self._exact = stamps, self._ask(stamps)
+            self._exact = stamps, rounded(self._ask(stamps))
             recorded = _recorded(*self._exact)
             self._near = self._near if recorded is None else recorded
         return self._exact[1]

@@ -34,6 +34,9 @@ _PRECISION: Array = np.asarray(1.0 / PRIOR_STD**2, dtype=np.float64)
 # A direction is observed when its standard deviation is below these together.
 OBSERVED_STD = np.array([0.05, 2e-3, *[0.3] * 3, *[0.1] * 3, 0.1])
 
+# m, rad, m/s, rad/s, and of a covariance's standard deviations: what a fit tells apart.
+_RESOLUTION = 2.0**-30
+
 # Where no error's angle exceeds this, errors are taken as they are, and otherwise as sums of steps:
 # a heading that is off by φ takes φ²/2 off what of a step follows it, as if it were scale.
 _SMALL_ANGLE = 0.02
@@ -54,6 +57,25 @@ class Truth:
 
 
 Ask = Callable[[Stamps], Truth]
+
+
+def rounded(truth: Truth) -> Truth:
+    """The same to a nanometre, and its covariances to nine digits.
+
+    Live and from a file the answers differ by round-off. Where the likelihood is flat, or has
+    several maxima, a search makes of that what it likes; so they are made equal before it.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(truth.covariances, axis1=1, axis2=2), 1e-300))
+    scale = np.exp2(np.rint(np.log2(scale)))
+    unit = scale[:, :, None] * scale[:, None, :] * _RESOLUTION
+    covariances = np.rint(truth.covariances / unit) * unit
+    poses, twists = to_resolution(truth.poses), to_resolution(truth.twists)
+    return Truth(poses, covariances, twists, truth.valid)
+
+
+def to_resolution(values: Array) -> Array:
+    """Poses or twists to a nanometre, a nanoradian, and that a second."""
+    return np.asarray(np.rint(values / _RESOLUTION) * _RESOLUTION)
 
 
 @dataclass(frozen=True, slots=True)
