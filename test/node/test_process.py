@@ -274,7 +274,7 @@ def test_a_full_disk_at_the_end_costs_what_does_not_fit(graph: Graph, tmp_path: 
     out = tmp_path / "out"
     node = graph.start_evaluator(output__directory=str(out), **FIXED)
     counts = play_and_wait(graph)
-    resource.prlimit(node.child.pid, resource.RLIMIT_FSIZE, (16_000, resource.RLIM_INFINITY))
+    resource.prlimit(node.child.pid, resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
     assert node.end() == 1
     assert sorted(os.listdir(out)) == ["poses.csv", "summary.json"]
     summary = summary_in(out)

@@ -22,6 +22,7 @@ from twins.runs import (
     where,
 )
 
+from trajeval_ros.ground_truth import jumps
 from trajeval_ros.online import settings as settings_module
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
@@ -223,6 +224,8 @@ def test_the_windows_length_decides_nothing():
 def impatient(monkeypatch):
     """A patience of a second, or of max_gap and lag, so that a run need not be longer."""
     monkeypatch.setattr(settings_module, "PATIENCE", SECOND)
+    # Samples after a gap are held back for three quarters of it, 3 s at most: less than 30 s.
+    monkeypatch.setattr(jumps, "LONGEST", SECOND // 2)
 
 
 @pytest.mark.usefixtures("impatient")

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,17 +12,21 @@ from typing import Any
 
 from trajeval_ros.runs.beside import Outcome, Work, outcome_of
 
+_HANDED_OVER = 1e-4  # s
+
 
 class Beside:
     """Does one piece of work at a time.
 
-    In a thread and not in a process: it shares the interpreter, which it is asked to leave every
-    5 ms, so that what goes on meanwhile takes half as long again, and as long beside a process
-    where the processors are busy; a process takes 70 MB and a start of its own.
+    In a thread and not in a process, which takes 70 MB and a start of its own. It shares the
+    interpreter, which rclpy leaves and wants back at every message: with Python's 5 ms until it is
+    handed over that is 200 messages a second as long as the work lasts, and with `_HANDED_OVER`
+    some thousands.
     """
 
     def __init__(self) -> None:
         """Start idle, without a thread."""
+        sys.setswitchinterval(_HANDED_OVER)
         self._thread = ThreadPoolExecutor(1, "beside")
         self._work: tuple[Work, Future[tuple[Outcome, float]]] | None = None
 
