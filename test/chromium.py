@@ -21,7 +21,7 @@ def chromium() -> Iterator[Any]:
         try:
             browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         except api.Error:
-            # It has died as it started (SIGTRAP), once in some hundred times.
+            # It may die as it starts (SIGTRAP).
             browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
         try:
             yield browser
