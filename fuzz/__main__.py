@@ -87,8 +87,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not set(wanted) <= set(FAMILIES):
         print(f"error: the families are {', '.join(FAMILIES)}", file=sys.stderr)
         return 2
-    # A damaged length must not take the machine down.
-    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     numbers = [arguments.case]
     if arguments.case is None:
         rounds = range(arguments.cases * len(FAMILIES) // len(wanted))
@@ -110,4 +108,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    # A damaged length must not take the machine down. Of a process of its own: it is for good.
+    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     sys.exit(main())

@@ -285,9 +285,14 @@ def test_a_player_that_leaves_is_a_warning_unless_it_had_sent_all(
     events = [event["text"] for event in page.sections["health"]["events"]]
     assert not any("publisher is gone" in text for text in events)
     # Another one, and it is interrupted.
-    received = int(values_of(graph.health()["ground truth"])["received"])
+    health = graph.health()
+    received = {
+        topic: int(values_of(health[topic.replace("_", " ")])["received"])
+        for topic in ("ground_truth", "estimate")
+    }
     player = graph.start(*replay, "--rate", "0.5")
-    graph.until_accounted("ground_truth", received + 20)
+    for topic, number in received.items():
+        graph.until_accounted(topic, number + 5)
     assert player.end() == 0
     graph.until(lambda: is_said("WARN", "its publisher is gone"), "that it has left")
 
