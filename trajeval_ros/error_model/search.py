@@ -8,6 +8,7 @@ Nuisances and parameters are found in turn.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -196,28 +197,31 @@ class _Search:
 
     def at(self, guess: Guess, theta: Array) -> list[Axes]:
         """The chains at a guess; theta: of all nuisances, (c,)."""
-        residual = self._both[:, -1] - np.tensordot(theta, self._both[:, :-1], (0, 1))
-        found: list[Axes] = []
-        for g in (1, 0):
-            errors = residual[g]
-            if g == 0 and self._kind is not Kind.WANDER:
-                errors = errors + self._turned(found[0].states[None, :, 0])[0]
+
+        def chain(g: int, series: Series) -> Axes:
             measured, moved = guess.measured[:, g], guess.moved[:, g]
-            series = replace(self._series[g], errors=errors, measured=measured, moved=moved)
-            found.insert(0, Axes(self._kind, guess.parameters[g], series))
-        return found
+            series = replace(series, measured=measured, moved=moved)
+            return Axes(self._kind, guess.parameters[g], series)
+
+        return self._rotation_first(theta, chain)
 
     def _climbed(self, places: list[Axes] | None, theta: Array) -> list[Axes]:
-        """Each group at its maximum, rotation first, given the nuisances."""
+        """Each group at its maximum, given the nuisances."""
+
+        def chain(g: int, series: Series) -> Axes:
+            return self._maximum(g, None if places is None else places[g], series)
+
+        return self._rotation_first(theta, chain)
+
+    def _rotation_first(self, theta: Array, chain: Callable[[int, Series], Axes]) -> list[Axes]:
+        """The ``chain`` of each group's errors, given the nuisances; headings turn translations."""
         residual = self._both[:, -1] - np.tensordot(theta, self._both[:, :-1], (0, 1))
         found: list[Axes] = []
         for g in (1, 0):
             errors = residual[g]
             if g == 0 and self._kind is not Kind.WANDER:
                 errors = errors + self._turned(found[0].states[None, :, 0])[0]
-            series = replace(self._series[g], errors=errors)
-            place = None if places is None else places[g]
-            found.insert(0, self._maximum(g, place, series))
+            found.insert(0, chain(g, replace(self._series[g], errors=errors)))
         return found
 
     def _maximum(self, group: int, place: Axes | None, series: Series) -> Axes:

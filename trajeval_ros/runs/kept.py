@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ class WholeRun:
     def parts(self) -> Iterator[Evaluations]:
         """The same as they came."""
         columns = self.evaluations
-        for begin, end in zip(self._ends, self._ends[1:], strict=False):
+        for begin, end in pairwise(self._ends):
             yield Evaluations(*(getattr(columns, name)[begin:end] for name in _COLUMNS))
 
     @property
