@@ -65,7 +65,7 @@ endef
 .PHONY: install
 install: .venv/.installed
 
-.venv/.installed: setup.py setup.cfg requirements/tools.txt
+.venv/.installed: setup.py setup.cfg requirements/tools.txt $(wildcard trajeval_ros/loops/*.[ch])
 	@echo "Installing into .venv (a minute or two the first time) ..."
 	@$(call environment,.venv,$(PYTHONS),13)
 	@.venv/bin/python -m pip install -qq --constraint requirements/tools.txt \
@@ -133,10 +133,10 @@ test: install
 		echo "Left out: the core on noble's NumPy and SciPy, which need Python 3.11 or 3.12."; \
 	fi
 
-## test-noble: the tests that need no ROS, on Ubuntu 24.04's NumPy 1.26.4 and SciPy 1.11.4
+## test-noble: the tests that need no ROS, on Ubuntu 24.04's NumPy 1.26.4 and SciPy 1.11.4 alone
 .PHONY: test-noble
 test-noble: .venv-noble/.installed
-	.venv-noble/bin/python -m pytest $(WORKERS) -m 'not ros and not slow' $(ARGS) $(NOBLE_TESTS) \
+	TRAJEVAL_ROS_LOOPS=0 .venv-noble/bin/python -m pytest $(WORKERS) -m 'not ros and not slow' $(ARGS) $(NOBLE_TESTS) \
 		$(NONE_IS_FINE)
 
 ## check: formatting, lint, types, architecture

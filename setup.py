@@ -4,7 +4,7 @@
 
 from glob import glob
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 PACKAGE = "trajeval_ros"
 SHARE = f"share/{PACKAGE}"
@@ -47,6 +47,17 @@ EXTRAS = {
     "bench": ["evo", "scikit-learn"],
     "check": ["import-linter", "mypy", "pre-commit", "ruff", "types-PyYAML"],
 }
+WARNINGS = ["-Wall", "-Wextra"]
+# Loops in C, without which NumPy does the same, slower: no compiler is no reason to fail. They know
+# nothing of Python. No contraction to fused operations, so that every machine has the same digits.
+LOOPS = Extension(
+    f"{PACKAGE}.loops._loops",
+    sources=sorted(glob(f"{PACKAGE}/loops/*.c")),
+    depends=sorted(glob(f"{PACKAGE}/loops/*.h")),
+    extra_compile_args=["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", *WARNINGS],
+    libraries=["m"],
+    optional=True,
+)
 EXTRAS["demo"] = EXTRAS["ros"] + EXTRAS["terminal"] + EXTRAS["watch"]
 
 setup(
@@ -59,6 +70,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    ext_modules=[LOOPS],
     package_data={"": ["py.typed", "*.css", "*.html", "*.js", "*.LICENSE"]},
     zip_safe=False,
     # PyYAML comes with rclpy; evaluate --params needs it on a machine without ROS too.

@@ -1,0 +1,75 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The way from NumPy to C; what the loops compute is held to NumPy where it is used."""
+
+import os
+import subprocess
+import sys
+from importlib import util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trajeval_ros import loops
+
+ROOT = Path(__file__).parents[2]
+
+built = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+
+
+@built
+def test_both_sides_know_the_same_version():
+    assert loops.call("loops_version") == loops.VERSION
+    header = (ROOT / "trajeval_ros/loops/loops.h").read_text()
+    assert f"#define LOOPS_VERSION {loops.VERSION}\n" in header
+
+
+@built
+@pytest.mark.parametrize(
+    "array", [np.zeros((4, 4))[:, ::2], np.zeros(3, dtype=np.float32), np.zeros((2, 3)).T]
+)
+def test_an_array_that_c_would_misread_is_refused(array):
+    with pytest.raises(TypeError, match="none for C"):
+        loops.call("loops_version", array)
+
+
+@built
+def test_they_can_be_left_out():
+    with loops.left_out():
+        assert not loops.there()
+    assert loops.there()
+
+
+def test_they_are_switched_off_by_the_environment():
+    words = "from trajeval_ros import loops; print(loops.there())"
+    environment = {**os.environ, loops.SWITCH: "0", "PYTHONPATH": str(ROOT)}
+    said = subprocess.run(
+        [sys.executable, "-c", words], env=environment, capture_output=True, text=True, check=True
+    )
+    assert said.stdout.strip() == "False"
+
+
+def test_a_package_without_a_compiler_is_built_and_works(tmp_path):
+    pytest.importorskip("setuptools")
+    assert util.find_spec("trajeval_ros") is not None
+    environment = {**os.environ, "CC": "/nowhere/cc", "PYTHONDONTWRITEBYTECODE": "1"}
+    build = [sys.executable, "setup.py", "-q", "build_ext", "--build-lib", str(tmp_path / "lib")]
+    build += ["--build-temp", str(tmp_path / "temp")]
+    done = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not list(tmp_path.rglob("*.so"))
+
+
+def test_a_compiler_has_nothing_to_say(tmp_path):
+    """Warnings are errors here, as everywhere."""
+    pytest.importorskip("setuptools")
+    environment = {**os.environ, "CFLAGS": "-Werror"}
+    build = [sys.executable, "setup.py", "build_ext", "--build-lib", str(tmp_path / "lib")]
+    build += ["--build-temp", str(tmp_path / "temp")]
+    done = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True)
+    if "command 'gcc' failed: No such file" in done.stderr + done.stdout:
+        pytest.skip("there is no C compiler")
+    assert done.returncode == 0, done.stderr
+    assert "warning:" not in done.stderr, done.stderr
+    assert list(tmp_path.rglob("_loops*.so"))

@@ -1,0 +1,86 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recursions as loops in C, used where a C compiler was there when the package was built.
+
+Each stands beside the NumPy code that it replaces, which is what runs without a compiler and what
+the tests hold it to, to 1e-9. A loop sums in one order, whatever the processor and wherever an
+array lies, so that its digits are those of every batch and of every machine.
+
+The library knows neither Python nor NumPy: a file ``*.c`` here has plain functions of pointers,
+64-bit integers and doubles, which return 0, or a number that their caller gives a meaning to.
+While one runs, other threads do.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+
+import numpy as np
+
+# That of the functions' arguments, which `loops.h` has too: a library that was built before they
+# changed is none.
+VERSION = 1
+# With this in the environment NumPy does all.
+SWITCH = "TRAJEVAL_ROS_LOOPS"
+_KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.bool_))
+
+Argument = np.ndarray | int | float
+
+
+def _loaded() -> ctypes.CDLL | None:
+    """The library, if it was built, from these sources, and is wanted."""
+    if os.environ.get(SWITCH) == "0":
+        return None
+    folder = Path(__file__).parent
+    for suffix in EXTENSION_SUFFIXES:
+        path = folder / f"_loops{suffix}"
+        if path.exists():
+            library = ctypes.CDLL(str(path))
+            return library if library.loops_version() == VERSION else None
+    return None
+
+
+_library = _loaded()
+
+
+def there() -> bool:
+    """Whether the loops can be called."""
+    return _library is not None
+
+
+@contextmanager
+def left_out() -> Iterator[None]:
+    """Let NumPy do all; for tests and benchmarks."""
+    global _library
+    kept, _library = _library, None
+    try:
+        yield
+    finally:
+        _library = kept
+
+
+def call(name: str, *arguments: Argument) -> int:
+    """Call a function of the library with arrays, integers and floats, and return what it returns.
+
+    Arrays are of float64, int64 or bool, in C's order, and those that it writes to are given
+    whole: what it is given is read and written in place.
+    """
+    assert _library is not None, "the loops were not built"
+    return int(getattr(_library, name)(*map(_passed, arguments)))
+
+
+def _passed(argument: Argument) -> ctypes.c_void_p | ctypes.c_int64 | ctypes.c_double:
+    """As C takes it."""
+    if isinstance(argument, np.ndarray):
+        if argument.dtype not in _KINDS or not argument.flags.c_contiguous:
+            message = f"an array of {argument.dtype} with strides {argument.strides} is none for C"
+            raise TypeError(message)
+        return ctypes.c_void_p(argument.ctypes.data)
+    if isinstance(argument, float):
+        return ctypes.c_double(argument)
+    return ctypes.c_int64(argument)
