@@ -139,6 +139,18 @@ test-noble: .venv-noble/.installed
 	TRAJEVAL_ROS_LOOPS=0 .venv-noble/bin/python -m pytest $(WORKERS) -m 'not ros and not slow' $(ARGS) $(NOBLE_TESTS) \
 		$(NONE_IS_FINE)
 
+SANITIZED = $(CURDIR)/build/sanitized
+
+## sanitize: the loops in C under the address and undefined-behaviour sanitizers of gcc, by the core's tests
+.PHONY: sanitize
+sanitize: install
+	CFLAGS='-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer -g' \
+		.venv/bin/python setup.py -q build_ext --force --build-lib $(SANITIZED) --build-temp $(SANITIZED)
+	TRAJEVAL_ROS_LOOPS=$$(echo $(SANITIZED)/trajeval_ros/loops/_loops*.so) \
+		LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
+		ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc .venv/bin/python -m pytest $(WORKERS) -m 'not ros and not slow' $(ARGS) \
+		$(or $(SANITIZED_TESTS),test/loops test/ground_truth test/error_model test/likelihood test/online test/test_se3.py)
+
 ## check: formatting, lint, types, architecture
 .PHONY: check
 check: install
@@ -192,6 +204,7 @@ colcon: .venv-colcon/.installed
 clean:
 	rm -rf .venv .venv-noble .venv-colcon .venv-messages build install log *.egg-info \
 		fuzz-failures .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -f trajeval_ros/loops/*.so
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 ## help: this list

@@ -50,6 +50,18 @@ def test_they_are_switched_off_by_the_environment():
     assert said.stdout.strip() == "False"
 
 
+@built
+def test_a_library_of_another_place_is_taken_where_it_is_named(tmp_path):
+    words = "from trajeval_ros import loops; print(loops._library._name, loops.there())"
+    there = tmp_path / "elsewhere.so"
+    there.write_bytes(Path(loops._library._name).read_bytes())
+    environment = {**os.environ, loops.SWITCH: str(there), "PYTHONPATH": str(ROOT)}
+    said = subprocess.run(
+        [sys.executable, "-c", words], env=environment, capture_output=True, text=True, check=True
+    )
+    assert said.stdout.split() == [str(there), "True"]
+
+
 def test_a_package_without_a_compiler_is_built_and_works(tmp_path):
     pytest.importorskip("setuptools")
     assert util.find_spec("trajeval_ros") is not None

@@ -25,7 +25,7 @@ import numpy as np
 # That of the functions' arguments, which `loops.h` has too: a library that was built before they
 # changed is none.
 VERSION = 1
-# With this in the environment NumPy does all.
+# In the environment 0 leaves all to NumPy, and a path is that of another library (`make sanitize`).
 SWITCH = "TRAJEVAL_ROS_LOOPS"
 _KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.bool_))
 
@@ -34,15 +34,16 @@ Argument = np.ndarray | int | float
 
 def _loaded() -> ctypes.CDLL | None:
     """The library, if it was built, from these sources, and is wanted."""
-    if os.environ.get(SWITCH) == "0":
+    wanted = os.environ.get(SWITCH)
+    if wanted == "0":
         return None
     folder = Path(__file__).parent
-    for suffix in EXTENSION_SUFFIXES:
-        path = folder / f"_loops{suffix}"
-        if path.exists():
-            library = ctypes.CDLL(str(path))
-            return library if library.loops_version() == VERSION else None
-    return None
+    built = (folder / f"_loops{suffix}" for suffix in EXTENSION_SUFFIXES)
+    path = Path(wanted) if wanted else next((each for each in built if each.exists()), None)
+    if path is None:
+        return None
+    library = ctypes.CDLL(str(path))
+    return library if library.loops_version() == VERSION else None
 
 
 _library = _loaded()
