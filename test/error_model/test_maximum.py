@@ -5,9 +5,11 @@
 import numpy as np
 import pytest
 from error_model.test_search import PARAMETERS, alike, series
+from hypothesis import given
+from hypothesis import strategies as st
 
 from trajeval_ros.error_model.axes import Axes
-from trajeval_ros.error_model.maximum import climb, likeliest, penalised
+from trajeval_ros.error_model.maximum import _largest_within, climb, likeliest, penalised
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.search import bounds
 
@@ -65,3 +67,10 @@ def test_heavy_tails_end_at_a_point_that_stays(kind, seed):
     again = climb(here, low, high, 1e-3, 20)
     assert np.abs(again.parameters - here.parameters).max() < 0.2
     assert penalised(again) - penalised(here) < 0.2
+
+
+@given(st.integers(1, 30), st.integers(0, 40), st.integers(0, 2**32 - 1))
+def test_the_largest_within_reach(count, reach, seed):
+    values = np.random.default_rng(seed).normal(size=(count, 2)).clip(0.0)
+    expected = [values[max(i - reach, 0) : i + reach + 1].max(axis=0) for i in range(count)]
+    assert np.array_equal(_largest_within(values, reach), expected)

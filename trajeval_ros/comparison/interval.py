@@ -16,9 +16,9 @@ import dataclasses
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
 
 from trajeval_ros.comparison.ratio import BINS, FEWEST, Reason, block_t, may_be_a_walk
+from trajeval_ros.likelihood.tails import student_quantile
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def interval_of(errors: Array) -> Interval:
         return Interval(None, Reason.ONE_WALK)
     std, freedom = block_t(linear)
     std = max(std, _autoregressive(linear))
-    half = float(stdtrit(freedom, 0.975)) * std
+    half = student_quantile(0.025, freedom) * std
     return Interval((float(np.exp(-half)), float(np.exp(half))))
 
 

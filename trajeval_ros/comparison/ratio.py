@@ -41,7 +41,8 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtr, stdtrit
+
+from trajeval_ros.likelihood.tails import student_quantile, student_tail
 
 Array = npt.NDArray[np.float64]
 Method = Literal["stationary_bootstrap", "block_t"]
@@ -177,7 +178,7 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
     else:
         std, dof = block_t(linear)
     log_ratio = float(np.log(ratio))
-    half = float(stdtrit(dof, 0.975)) * std
+    half = student_quantile(0.025, dof) * std
     return dataclasses.replace(
         plain,
         interval=(float(np.exp(log_ratio - half)), float(np.exp(log_ratio + half))),
@@ -190,7 +191,7 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
 def _p_value(log_ratio: float, std: float, dof: float) -> float:
     if std == 0.0:
         return 1.0 if abs(log_ratio) <= _ALIKE else 0.0
-    return float(2.0 * stdtr(dof, -abs(log_ratio) / std))
+    return 2.0 * student_tail(abs(log_ratio) / std, dof)
 
 
 def _bootstrap(a: Array, b: Array, linear: Array, seed: int) -> tuple[float, float]:

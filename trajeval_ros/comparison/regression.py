@@ -26,11 +26,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from scipy.special import ndtr
-
 from trajeval_ros.comparison.common import Stamps, coverage
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.ratio import Ratio, Reason
+from trajeval_ros.likelihood.tails import normal_tail
 
 Figures = Mapping[str, Any]
 
@@ -161,7 +160,7 @@ def _of_parameters(name: str, now: Figures, before: Figures) -> Change:
     log_ratio = math.log(values[0] / values[1])
     half = _LIMIT_OF_95 * std
     interval = (math.exp(log_ratio - half), math.exp(log_ratio + half))
-    p_value = 2.0 * float(ndtr(-abs(log_ratio) / std)) if std > 0.0 else float(log_ratio == 0.0)
+    p_value = 2.0 * normal_tail(abs(log_ratio) / std) if std > 0.0 else float(log_ratio == 0.0)
     return Change(name, *values, interval, p_value)
 
 
@@ -173,7 +172,7 @@ def _of_a_zero(name: str, now: Figures, before: Figures) -> Change:
         return Change(name, *values, None, None, "zero")
     std = math.hypot(*(each for each in stds if each is not None))
     apart = abs(values[0] - values[1])
-    p_value = 2.0 * float(ndtr(-apart / std)) if std > 0.0 else float(apart <= EXACT)
+    p_value = 2.0 * normal_tail(apart / std) if std > 0.0 else float(apart <= EXACT)
     return Change(name, *values, None, p_value, "zero")
 
 

@@ -15,8 +15,8 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
+from trajeval_ros import lapack
 from trajeval_ros.error_model.process import Kind, steps
 
 Array = npt.NDArray[np.float64]

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import stdtrit
+
+from trajeval_ros.likelihood.tails import student_quantile
 
 Array = npt.NDArray[np.float64]
 
@@ -113,7 +114,7 @@ def _scatter(offset: Array, weight: Array) -> tuple[float, float]:
     told = _OF_NEIGHBOURS * len(apart)
     degrees = _KNOWN + told
     scatter = (_KNOWN + told * float(np.median(apart)) / _MEDIAN) / degrees
-    rare = float(stdtrit(degrees, 1.0 - 0.5 / (_RUNS * len(apart)))) ** 2
+    rare = student_quantile(0.5 / (_RUNS * len(apart)), degrees) ** 2
     return max(scatter, 1.0), rare
 
 

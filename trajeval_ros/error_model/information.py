@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
+
+from trajeval_ros import lapack
 
 Array = npt.NDArray[np.float64]
 

@@ -26,7 +26,6 @@ from typing import Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter1d
 
 Array = npt.NDArray[np.float64]
 
@@ -239,7 +238,7 @@ def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float
     # Poses and the steps between them in the order of time.
     gains = np.zeros((2 * len(pose_gain) - 1, *pose_gain.shape[1:]))
     gains[::2], gains[1::2] = pose_gain, move_gain
-    most = maximum_filter1d(gains, min(4 * apart, 2 * len(gains)) + 1, axis=0, mode="constant")
+    most = _largest_within(gains, min(2 * apart, len(gains)))
     found, total = [], 0.0
     for new, old, each, around in zip(
         (poses, moves), weights, (pose_gain, move_gain), (most[::2], most[1::2]), strict=True
@@ -248,6 +247,19 @@ def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float
         found.append(np.where(taken, new, old))
         total += float(each[taken].sum())
     return (found[0], found[1]), total
+
+
+def _largest_within(values: Array, reach: int) -> Array:
+    """The largest of those within so many places, and of zero, at each of ``values`` (n, ...)."""
+    width, have = 2 * reach + 1, 1
+    beyond = np.zeros((reach, *values.shape[1:]))
+    largest = np.concatenate([beyond, values, beyond])
+    while have < width:
+        # Of twice as many from two that may overlap.
+        step = min(have, width - have)
+        largest = np.maximum(largest[:-step], largest[step:])
+        have += step
+    return largest
 
 
 def likeliest(square: Array, rest: Array, own: Array, now: Array) -> tuple[Array, Array]:

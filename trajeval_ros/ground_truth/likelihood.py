@@ -28,8 +28,8 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
+from trajeval_ros import lapack
 from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM
 from trajeval_ros.ground_truth.kernels import Kernel
 

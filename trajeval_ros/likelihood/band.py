@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
+from trajeval_ros import lapack
 from trajeval_ros.likelihood.gaussian import CovarianceError
 from trajeval_ros.likelihood.joint import FactorRows
 

@@ -5,9 +5,8 @@
 import math
 from dataclasses import dataclass
 
-from scipy.special import chdtr, chdtrc
-
 from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
+from trajeval_ros.likelihood.tails import chi2_tails
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +33,7 @@ def p_value(chi2: float, dof: int) -> float:
 
     Twice the smaller tail: uniform on [0, 1] where the residuals are drawn from their covariance.
     """
-    return min(1.0, 2.0 * min(float(chdtr(dof, chi2)), float(chdtrc(dof, chi2))))
+    return min(1.0, 2.0 * min(chi2_tails(chi2, dof)))
 
 
 def figures(likelihood: GaussianLogLikelihood, poses: int) -> Figures:

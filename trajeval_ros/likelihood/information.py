@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_triangular
 
 from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
 
@@ -99,7 +98,8 @@ class Information:
             raise np.linalg.LinAlgError("the residuals do not determine the unknowns")
         if len(self.offset) == 0:
             return np.zeros(0)
-        return -np.asarray(solve_triangular(self.root, self.offset, check_finite=False))
+        # Of a triangle it is the substitution alone.
+        return -np.asarray(np.linalg.solve(self.root, self.offset))
 
     def covariance(self) -> Array:
         """The covariance of x, (d, d). Raises LinAlgError where the information is singular."""

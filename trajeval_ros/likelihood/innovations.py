@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
+from trajeval_ros import lapack
 from trajeval_ros.likelihood.band import BandWhitener
 from trajeval_ros.likelihood.gaussian import CovarianceError
 from trajeval_ros.likelihood.joint import FactorRows

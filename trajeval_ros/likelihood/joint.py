@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
+from trajeval_ros import lapack
 from trajeval_ros.likelihood.gaussian import CovarianceError
 
 Array = npt.NDArray[np.float64]

@@ -25,9 +25,8 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
-from trajeval_ros import se3
+from trajeval_ros import lapack, se3
 from trajeval_ros.alignment.gauge import Gauge, Similarity
 from trajeval_ros.alignment.umeyama import Alignment, align_positions
 from trajeval_ros.likelihood.gaussian import CovarianceError

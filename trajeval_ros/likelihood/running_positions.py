@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_triangular
 
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Gauge, Similarity
@@ -459,8 +458,7 @@ def _polished(problem: _Problem, state: PositionState) -> PositionState:
     information = problem.linearized(state)
     if not np.diagonal(information.root).all():
         return state
-    step = -solve_triangular(information.root, information.offset, check_finite=False)
-    proposal = problem.moved(state, np.asarray(step))
+    proposal = problem.moved(state, information.optimum())
     chi2 = problem.chi2(state)
     return proposal if problem.chi2(proposal) <= chi2 * (1.0 + 1e-12) else state
 

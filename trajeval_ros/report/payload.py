@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtri
 
 from trajeval_ros.charts import ESTIMATE_COLOURS, numbers
 from trajeval_ros.charts.arrays import extremes
@@ -172,6 +171,9 @@ def _likelihood(one: Shown, series: Series, seconds: Array, of: int) -> Values:
             del values[name]
     smooth = np.flatnonzero(known)
     if len(smooth) > 1:
+        # Only here: its import takes longer than all of the page.
+        from scipy.special import chdtri
+
         smooth = smooth[extremes([dof[smooth]], _SMOOTH)]
         values["usual"] = {
             "times": numbers(seconds[smooth]),
