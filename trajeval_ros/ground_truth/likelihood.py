@@ -17,11 +17,16 @@ no products of matrices,
 
 (``docs/method.md``, Ground truth). One segment with a motion of its own, or with an outlier, does
 not carry the others away.
+
+Where all kernels are Matérn ones a loop in C has all of this from Kalman's filter, in time that
+grows as n: of a record with thousands of samples as well. Without it, and with other kernels, the
+matrices are dense, and the time grows as n³.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,9 +34,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import lapack
+from trajeval_ros import lapack, loops
 from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM
-from trajeval_ros.ground_truth.kernels import Kernel
+from trajeval_ros.ground_truth.kernels import Kernel, Matern
 
 Array = npt.NDArray[np.float64]
 
@@ -59,9 +64,151 @@ class Likelihood:
 
     def __init__(self, kernels: tuple[Kernel, ...], records: Sequence[Record]) -> None:
         """Take at least one record; all have the same number of coordinates."""
+        counts = np.array([len(record.times) for record in records])
+        coordinates = records[0].values.shape[1]
+        freedom = coordinates * (counts - 1)
+        nu = DEGREES_OF_FREEDOM
+        constants = [
+            math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu) - 0.5 * d * math.log(nu * math.pi)
+            for d in freedom.tolist()
+        ]
+        self._shape = _Shape(coordinates, counts, freedom, np.array(constants))
+        self._data: _Markov | _Dense
+        matern = [kernel for kernel in kernels if isinstance(kernel, Matern)]
+        if loops.there() and len(matern) == len(kernels):
+            self._data = _Markov(matern, records)
+        else:
+            self._data = _Dense(kernels, records)
+
+    def __call__(self, log_parameters: Array) -> Fit:
+        """Return the log-likelihood, whose slope and information can then be asked for."""
+        if isinstance(self._data, _Markov):
+            return _MarkovFit(self._shape, self._data, log_parameters)
+        return _DenseFit(self._shape, self._data, log_parameters)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """What the m records' likelihoods need beside determinants and squares.
+
+    ``counts`` (m,) of samples; ``freedom`` (m,), d above; ``constants`` (m,), of d alone.
+    """
+
+    coordinates: int
+    counts: npt.NDArray[np.int64]
+    freedom: npt.NDArray[np.int64]
+    constants: Array
+
+
+class Fit(ABC):
+    """The log-likelihood of records at one place, minus infinity where K is not definite.
+
+    The slopes cost only where they are asked for.
+    """
+
+    def __init__(self, shape: _Shape) -> None:
+        """Start where K is not definite."""
+        self._shape = shape
+        self.values = np.full(len(shape.counts), -math.inf)
+        """Each record's; (m,)."""
+        self.fits = np.full(len(shape.counts), math.inf)
+        """Each record's mean square, standardised: one when the process fits; (m,)."""
+        self.value = -math.inf
+        """Their sum."""
+
+    def _take(self, log_dets: Array, squares: Array) -> None:
+        """Take each record's ``log|K| + log 1ᵀ K⁻¹ 1`` and q; (m,) both."""
+        shape, nu = self._shape, DEGREES_OF_FREEDOM
+        self.fits = squares / np.maximum(shape.freedom, 1)
+        self.values = (
+            shape.constants
+            - 0.5 * shape.coordinates * log_dets
+            - 0.5 * (nu + shape.freedom) * np.log1p(squares / nu)
+        )
+        self.value = math.fsum(self.values)
+
+    @property
+    @abstractmethod
+    def gradient(self) -> Array:
+        """The slope, where K is positive definite; (2k + 1,)."""
+
+    @property
+    @abstractmethod
+    def information(self) -> Array:
+        """The average information, where K is positive definite; (2k + 1, 2k + 1)."""
+
+
+class _Markov:
+    """Records one after the other, as the loop takes them."""
+
+    def __init__(self, kernels: Sequence[Matern], records: Sequence[Record]) -> None:
+        """As a :class:`Likelihood`."""
+        self.orders = np.array([len(kernel.coefficients) for kernel in kernels])
+        self.rates = np.array([kernel.rate for kernel in kernels])
+        self.begins = np.cumsum([0, *(len(record.times) for record in records)])
+        self.longest = int(np.diff(self.begins).max())
+        self.times = np.concatenate([record.times for record in records])
+        self.values = np.concatenate([record.values for record in records])
+        self.variances = np.concatenate([record.variances for record in records])
+
+    def work(self, slopes: bool) -> Array:
+        """Room for the loop to work in."""
+        kernels, coordinates = len(self.orders), self.values.shape[1]
+        room = loops.call(
+            "record_room", self.orders, kernels, coordinates, self.longest, int(slopes)
+        )
+        return np.empty(room)
+
+
+class _MarkovFit(Fit):
+    def __init__(self, shape: _Shape, data: _Markov, log_parameters: Array) -> None:
+        """Go through every record."""
+        super().__init__(shape)
+        self._data = data
+        natural = np.exp(log_parameters)
+        self._arguments = (
+            data.begins,
+            len(shape.counts),
+            data.times,
+            data.values,
+            data.variances,
+            shape.coordinates,
+            data.orders,
+            data.rates / natural[1:-1:2],
+            natural[:-1:2] ** 2,
+            len(data.orders),
+            float(natural[-1]) ** 2,
+        )
+        found = np.empty((len(shape.counts), 2))
+        if not loops.call("record_values", *self._arguments, data.work(False), found):
+            self._take(found[:, 0], found[:, 1])
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """The gradient and the information."""
+        size = 2 * len(self._data.orders) + 1
+        gradient, information = np.empty(size), np.empty((size, size))
+        work = self._data.work(True)
+        nu = DEGREES_OF_FREEDOM
+        loops.call("record_slopes", *self._arguments, nu, work, gradient, information)
+        return gradient, information
+
+    @property
+    def gradient(self) -> Array:
+        return self._slopes[0]
+
+    @property
+    def information(self) -> Array:
+        return self._slopes[1]
+
+
+class _Dense:
+    """Records side by side, for NumPy."""
+
+    def __init__(self, kernels: tuple[Kernel, ...], records: Sequence[Record]) -> None:
+        """As a :class:`Likelihood`."""
         self.kernels = kernels
-        self.counts = np.array([len(record.times) for record in records])
-        size = int(self.counts.max())
+        size = max(len(record.times) for record in records)
         coordinates = records[0].values.shape[1]
         times = np.tile(_FAR * np.arange(1.0, size + 1.0), (len(records), 1))
         self.variances = np.zeros((len(records), size))
@@ -72,8 +219,6 @@ class Likelihood:
             self.variances[row, sampled] = record.variances
             self.right[row, sampled, 0] = 1.0
             self.right[row, sampled, 1:] = record.values
-        self.coordinates = coordinates
-        self.freedom = coordinates * (self.counts - 1)
         # Of symmetric matrices the lower triangle, packed row after row: half the work.
         rows, columns = np.tril_indices(size)
         self.lower = rows * size + columns
@@ -82,10 +227,6 @@ class Likelihood:
         self.unpacked[rows, columns] = self.unpacked[columns, rows] = np.arange(len(rows))
         self.apart = np.abs(times[:, rows] - times[:, columns])
         self._known: list[tuple[float, tuple[Array, Array]] | None] = [None] * len(kernels)
-
-    def __call__(self, log_parameters: Array) -> Fit:
-        """Return the log-likelihood, whose slope and information can then be asked for."""
-        return Fit(self, log_parameters)
 
     def correlation(self, kernel: int, length: float) -> tuple[Array, Array]:
         """A kernel's ``ρ`` of length scale ``length`` (s) and ``∂ρ/∂log l``, packed.
@@ -107,14 +248,12 @@ class Likelihood:
         return np.take(packed, self.unpacked, axis=1, mode="clip")
 
 
-class Fit:
-    """The log-likelihood of records at one place, minus infinity where K is not definite.
+class _DenseFit(Fit):
+    """What it costs to factor K is spent once."""
 
-    What it costs to factor K is spent once; the slopes cost only where they are asked for.
-    """
-
-    def __init__(self, data: Likelihood, log_parameters: Array) -> None:
+    def __init__(self, shape: _Shape, data: _Dense, log_parameters: Array) -> None:
         """Factor every record's K."""
+        super().__init__(shape)
         self._data = data
         signals, lengths = np.exp(log_parameters[:-1:2]), np.exp(log_parameters[1:-1:2])
         self._noise = math.exp(log_parameters[-1]) ** 2
@@ -123,14 +262,10 @@ class Fit:
             (signal**2, *data.correlation(kernel, length))
             for kernel, (signal, length) in enumerate(zip(signals, lengths, strict=True))
         ]
-        self.values = np.full(len(data.counts), -math.inf)
-        """Each record's; (m,)."""
-        self.fits = np.full(len(data.counts), math.inf)
-        """Each record's mean square, standardised: one when the process fits; (m,)."""
-        self.value = self._factored()
+        self._factor()
 
-    def _factored(self) -> float:
-        """Factor; let ``ones`` be K⁻¹ 1 (m, n), ``alpha`` Π x (m, n, c); return the likelihood."""
+    def _factor(self) -> None:
+        """Let ``ones`` be K⁻¹ 1 (m, n), ``alpha`` Π x (m, n, c)."""
         data = self._data
         covariance = np.zeros_like(data.apart)
         for variance, correlation, _ in self._parts:
@@ -145,7 +280,7 @@ class Fit:
         for i, matrix in enumerate(self._factors):
             factor, info = lapack.dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
             if info:
-                return -math.inf
+                return
             diagonals[i] = factor.diagonal()
             solved[i], _ = lapack.dpotrs(factor, data.right[i], lower=0)
         sampled, x, ones = data.right[..., 0], data.right[..., 1:], solved[..., 0]
@@ -154,26 +289,14 @@ class Fit:
         self._ones, self._information = ones, information
         self._alpha = solved[..., 1:] - ones[..., None] * mean[:, None]
         log_dets = 2.0 * (sampled * np.log(diagonals)).sum(axis=1) + np.log(information)
-        nu = DEGREES_OF_FREEDOM
         squares = (x * self._alpha).sum(axis=(1, 2))
-        self._spread = nu + squares
-        self.fits = squares / np.maximum(data.freedom, 1)
-        self.values = np.array(
-            [
-                math.lgamma(0.5 * (nu + d))
-                - math.lgamma(0.5 * nu)
-                - 0.5 * d * math.log(nu * math.pi)
-                - 0.5 * data.coordinates * log_det
-                - 0.5 * (nu + d) * math.log1p(square / nu)
-                for d, square, log_det in zip(data.freedom, squares, log_dets, strict=True)
-            ]
-        )
-        return math.fsum(self.values)
+        self._spread = DEGREES_OF_FREEDOM + squares
+        self._take(log_dets, squares)
 
     @cached_property
     def _inverses(self) -> Array:
         """``K⁻¹``, the lower triangles, in place of the factors; (m, n, n)."""
-        for factor, count in zip(self._factors, self._data.counts, strict=True):
+        for factor, count in zip(self._factors, self._shape.counts, strict=True):
             lapack.dpotri(factor.T, lower=0, overwrite_c=1)
             factor[count:] = 0.0
         return self._factors
@@ -182,12 +305,12 @@ class Fit:
     def gradient(self) -> Array:
         """The slope, where K is positive definite; (2k + 1,)."""
         data, alpha = self._data, self._alpha
-        weights = (DEGREES_OF_FREEDOM + data.freedom) / self._spread
+        weights = (DEGREES_OF_FREEDOM + self._shape.freedom) / self._spread
         ones = self._ones[..., None]
         left = [weights[:, None, None] * alpha, ones / self._information[:, None, None]]
-        right = [alpha, data.coordinates * ones]
+        right = [alpha, self._shape.coordinates * ones]
         outer = np.concatenate(left, axis=2) @ np.concatenate(right, axis=2).swapaxes(1, 2)
-        outer -= data.coordinates * self._inverses
+        outer -= self._shape.coordinates * self._inverses
         packed = data.packed(outer)
         trace = float(np.take(packed, data.diagonal, axis=1).sum())
         packed[:, data.diagonal] *= 0.5  # every other entry stands for two
@@ -211,9 +334,11 @@ class Fit:
         right = data.full(data.packed(self._inverses)) @ left
         right -= ones * (ones.swapaxes(1, 2) @ left / self._information[:, None, None])
         # Records, samples, parameters, coordinates.
-        left, right = (m.reshape(*alpha.shape[:2], -1, data.coordinates) for m in (left, right))
+        left, right = (
+            m.reshape(*alpha.shape[:2], -1, self._shape.coordinates) for m in (left, right)
+        )
         squares = (left * alpha[:, :, None]).sum(axis=(1, 3))  # xᵀ Π ∂K/∂θ Π x
-        weights = 0.5 * (DEGREES_OF_FREEDOM + data.freedom) / self._spread
+        weights = 0.5 * (DEGREES_OF_FREEDOM + self._shape.freedom) / self._spread
         left *= weights[:, None, None, None]
         first = np.tensordot(left, right, axes=((0, 1, 3), (0, 1, 3)))
         return np.asarray(first - (squares * (weights / self._spread)[:, None]).T @ squares)
