@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from trajeval_ros import se3
-from trajeval_ros.error_model.axes import Axes, Series
+from trajeval_ros.error_model.axes import Axes
 from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import climb
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.search import bounds, search
+from trajeval_ros.error_model.series import Series
 from trajeval_ros.error_model.structure import starts
 
 PARAMETERS = {

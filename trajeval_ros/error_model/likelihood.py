@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.error_model.axes import ROUND_OFF, backwards
+from trajeval_ros.error_model.factored import ROUND_OFF, backwards
 from trajeval_ros.error_model.information import Factor
 from trajeval_ros.error_model.process import Kind, steps
 

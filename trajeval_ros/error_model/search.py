@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.error_model.axes import Axes, Series
+from trajeval_ros.error_model.axes import Axes
 from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import climb, penalised
 from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.series import Series
 from trajeval_ros.error_model.structure import starts
 
 Array = npt.NDArray[np.float64]

@@ -19,8 +19,8 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.error_model.axes import Series
 from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.series import Series
 
 Array = npt.NDArray[np.float64]
 

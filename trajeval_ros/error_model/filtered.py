@@ -1,0 +1,154 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chain of `axes` by Kalman's filter and the smoother of its disturbances, in C.
+
+The formulas are in ``loops/chain.c``.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import loops
+from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.series import Series
+
+Array = npt.NDArray[np.float64]
+
+# As the records of the same names in C.
+FILTERED = np.dtype(
+    [
+        ("transition", "f8", 4),
+        ("noise", "f8", 3),
+        ("drift", "f8"),
+        ("variance", "f8"),
+        ("jitter", "f8"),
+        ("precision", "f8"),
+        ("gain", "f8", 2),
+        ("covariance", "f8", 3),
+        ("innovation", "f8", 4),
+        ("velocity", "f8", 4),
+    ]
+)
+SMOOTHED = np.dtype(
+    [("score", "f8", 4), ("state", "f8", (2, 4)), ("felt", "f8", (2, 4)), ("adjoint", "f8", 4)]
+)
+_NUMBERS = {Kind.DRIFT: 0, Kind.VELOCITY: 1, Kind.WANDER: 2}
+_AXES = 3
+
+
+class Filtered:
+    """At ψ (p,)."""
+
+    def __init__(self, kind: Kind, parameters: Array, series: Series) -> None:
+        """Filter the errors."""
+        self._kind, self._count = kind, series.errors.shape[1]
+        self._parameters, self._intervals, self._errors, variance, measured, self._moved = map(
+            np.ascontiguousarray,
+            (
+                parameters,
+                series.intervals,
+                series.errors,
+                series.variance,
+                series.measured,
+                series.moved,
+            ),
+        )
+        self._filtered = np.empty(self._count, FILTERED)
+        self._found = np.empty(2 + _AXES)
+        failed = self._call(
+            "chain_filter",
+            self._intervals,
+            self._errors,
+            variance,
+            measured,
+            self._moved,
+            self._filtered.view(np.float64),
+            self._found,
+        )
+        if failed:
+            raise np.linalg.LinAlgError("no likelihood")
+        self.value = float(self._found[0])
+
+    def _call(self, name: str, *arrays: Array) -> int:
+        return loops.call(name, _NUMBERS[self._kind], self._count, self._parameters, *arrays)
+
+    @cached_property
+    def _smoothed(self) -> tuple[npt.NDArray[np.void], Array, Array, Array]:
+        """Records of the poses, disturbances of poses and of steps, and the gradient."""
+        smoothed = np.empty(self._count, SMOOTHED)
+        poses, steps = np.empty((2, self._count)), np.empty((2, self._count - 1))
+        gradient = np.empty(len(self._parameters))
+        self._call(
+            "chain_smooth",
+            self._intervals,
+            self._errors,
+            self._moved,
+            self._filtered.view(np.float64),
+            self._found,
+            smoothed.view(np.float64),
+            poses,
+            steps,
+            gradient,
+        )
+        return smoothed, poses, steps, gradient
+
+    @property
+    def states(self) -> Array:
+        """x, (3, k, N)."""
+        state = self._smoothed[0]["state"]
+        return np.asarray(state[:, : self._kind.components, :_AXES].transpose(2, 1, 0))
+
+    @property
+    def residual(self) -> Array:
+        """What the states leave of the errors, (3, N)."""
+        score = self._smoothed[0]["score"][:, :_AXES].T
+        return np.asarray(self._filtered["variance"] * score)
+
+    @property
+    def moves(self) -> Array:
+        """``Q felt``, (3, k, N - 1)."""
+        felt = self._smoothed[0]["felt"][:-1, :, :_AXES]
+        index = np.array([[0, 1], [1, 2]])
+        noise = self._filtered["noise"][:-1][:, index]
+        moves: Array = np.einsum("nab,nbx->xan", noise, felt)
+        return moves[:, : self._kind.components]
+
+    @property
+    def noise(self) -> Array:
+        """The variance of each step's first component, (N - 1,)."""
+        return np.asarray(self._filtered["noise"][:-1, 0])
+
+    def smoothed(self, errors: Array) -> Array:
+        """The process of others (m, N)."""
+        values = np.ascontiguousarray(errors.T)
+        found, work = np.empty_like(values), np.empty((4, len(errors)))
+        filtered = self._filtered.view(np.float64)
+        loops.call("chain_smooth_others", self._count, len(errors), filtered, values, found, work)
+        return np.asarray(found.T)
+
+    def gradient(self) -> Array:
+        """``∂ log L / ∂ψ``, (p,)."""
+        return self._smoothed[3]
+
+    def average_information(self) -> Array:
+        """Of ψ, (p, p)."""
+        found = np.empty((len(self._parameters), len(self._parameters)))
+        self._call(
+            "chain_information",
+            self._intervals,
+            self._moved,
+            self._filtered.view(np.float64),
+            self._found,
+            self._smoothed[0].view(np.float64),
+            found,
+        )
+        return found
+
+    def disturbances(self) -> tuple[Array, Array, Array, Array]:
+        """Of the poses, (N,) each, and of the steps, (N - 1,) each."""
+        _, poses, steps, _ = self._smoothed
+        return poses[0], poses[1], steps[0], steps[1]

@@ -1,0 +1,459 @@
+/* Copyright 2026 The trajeval_ros authors
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * The restricted likelihood of errors z (3 axes, N poses) whose axes are alike: Kalman's filter, and
+ * the smoother of its disturbances (de Jong). On each axis
+ *
+ *     z_i = mean + e'x_i + n_i,  n_i ~ N(0, r_i),      x_(i+1) = F_i x_i + w_i,  w_i ~ N(0, Q_i)
+ *
+ * with e = (1, 0), F = [[f, c], [0, a]] and x of two components, of which the second is nothing but
+ * for VELOCITY. The first position is flat of DRIFT and VELOCITY; WANDER has a flat mean instead,
+ * by a fourth right-hand side beside the three axes, ones. No Q is inverted, and variances are sums
+ * of what is not negative, so that digits stay however small Q or r is beside the other.
+ */
+#include "loops.h"
+
+#include <string.h>
+
+enum { AXES = 3, LANES = 4, MEAN = 3 };
+enum { DRIFT, VELOCITY, WANDER };
+enum { PARAMETERS = 4 };
+
+/* Symmetric matrices (2, 2) are their entries 00, 01 and 11. */
+typedef double Symmetric[3];
+
+/* What the filter knows at a pose; lanes are the axes and, last, the ones. */
+typedef struct {
+    double f, c, a, rest; /* of the step that begins here; rest: 1 - exp(-interval / time) */
+    Symmetric q;
+    double drift;            /* the part of q's 00 that is the walk's */
+    double noise, jitter;    /* r, and the estimate's part of it */
+    double precision;        /* 1 / S of the innovation; 0 of a flat first position */
+    double gain[2];          /* g */
+    Symmetric covariance;    /* C, with this pose */
+    double innovation[LANES];
+    double velocity[LANES]; /* the mean of x's second component, with this pose */
+} Filtered;
+
+/* What all poses say of one. */
+typedef struct {
+    double score[LANES];    /* u = n / r */
+    double state[2][LANES]; /* x */
+    double felt[2][LANES];  /* Q⁻¹ w of the step that begins here */
+    double adjoint[LANES];  /* ε: by how much F's slope by the time is felt later */
+} Smoothed;
+
+int64_t chain_filtered_size(void) { return sizeof(Filtered) / sizeof(double); }
+int64_t chain_smoothed_size(void) { return sizeof(Smoothed) / sizeof(double); }
+
+/* 2h - 3 + 4a - a² with a = exp(-h); by its series where the formula loses digits. */
+static double integral(double h, double a)
+{
+    static const double terms[] = {2.0 / 3, -1.0 / 2, 7.0 / 30, -1.0 / 12, 31.0 / 1260, -1.0 / 160,
+                                   127.0 / 90720};
+    if (h >= 0.05)
+        return 2.0 * h - 3.0 + 4.0 * a - a * a;
+    double sum = 0.0;
+    for (int i = 6; i >= 0; i--)
+        sum = sum * h + terms[i];
+    return sum * h * h * h;
+}
+
+/* The process (error_model/process.py) at its parameters. */
+typedef struct {
+    int kind;
+    double jitter, drift, variance, time;
+} Process;
+
+static Process process(int64_t kind, const double *parameters)
+{
+    Process p = {(int)kind, exp(2.0 * parameters[0]), 0.0, 0.0, 1.0};
+    if (kind != WANDER)
+        p.drift = exp(2.0 * parameters[1]);
+    if (kind != DRIFT) {
+        const double *last = parameters + (kind == VELOCITY ? 2 : 1);
+        p.variance = exp(2.0 * last[0]);
+        p.time = exp(last[1]);
+    }
+    return p;
+}
+
+/* F and Q of a step; the factor is of the variance of x's first component. */
+static inline void set_step(const Process *p, double interval, double factor, Filtered *at)
+{
+    at->f = 1.0;
+    at->c = at->a = at->rest = 0.0;
+    at->q[1] = at->q[2] = 0.0;
+    at->q[0] = at->drift = interval * p->drift * factor;
+    if (p->kind == DRIFT)
+        return;
+    const double h = interval / p->time;
+    const double rest = -expm1(-h), a = h < 0.5 ? 1.0 - rest : exp(-h);
+    const double stationary = p->variance * rest * (1.0 + a);
+    at->rest = rest;
+    if (p->kind == WANDER) {
+        at->f = a;
+        at->q[0] = stationary * factor;
+        return;
+    }
+    at->a = a;
+    at->c = p->time * rest;
+    at->q[0] += p->variance * p->time * p->time * integral(h, a) * factor;
+    at->q[1] = p->variance * p->time * rest * rest;
+    at->q[2] = stationary;
+}
+
+/* Whether a step's Q is positive definite. */
+static inline int is_proper(int kind, const Filtered *at)
+{
+    const double det = kind == VELOCITY ? at->q[0] * at->q[2] - at->q[1] * at->q[1] : 1.0;
+    return at->q[0] > 0.0 && det > 0.0;
+}
+
+/* The filter. parameters (p,), intervals and moved (N - 1,), errors (3, N), variance and measured
+ * (N,), filtered (N,). found: log L, the mean's information, the means (3,). Not 0 where there is
+ * no likelihood. */
+int chain_filter(int64_t kind, int64_t count, const double *parameters, const double *intervals,
+                 const double *errors, const double *variance, const double *measured,
+                 const double *moved, Filtered *filtered, double *found)
+{
+    const Process p = process(kind, parameters);
+    /* Predicted: the covariance and the mean of x. */
+    Symmetric b = {p.kind == WANDER ? p.variance : 0.0, 0.0, p.kind == VELOCITY ? p.variance : 0.0};
+    double position[LANES] = {0.0}, velocity[LANES] = {0.0};
+    double log_det = 0.0, product = 1.0, information = 0.0, mean[LANES] = {0.0};
+    for (int64_t i = 0; i < count; i++) {
+        Filtered *at = filtered + i;
+        const double z[LANES] = {errors[i], errors[count + i], errors[2 * count + i],
+                                 p.kind == WANDER ? 1.0 : 0.0};
+        const int flat = i == 0 && p.kind != WANDER;
+        at->jitter = measured[i] * p.jitter;
+        const double r = at->noise = variance[i] + at->jitter;
+        if (!(r > 0.0))
+            return 1;
+        const double s = flat ? 1.0 : b[0] + r;
+        const double precision = at->precision = flat ? 0.0 : 1.0 / s;
+        const double g0 = at->gain[0] = flat ? 1.0 : b[0] * precision;
+        const double g1 = at->gain[1] = b[1] * precision;
+        for (int x = 0; x < LANES; x++) {
+            const double innovation = z[x] - position[x];
+            at->innovation[x] = innovation;
+            position[x] += g0 * innovation;
+            at->velocity[x] = velocity[x] += g1 * innovation;
+        }
+        for (int x = 0; x < LANES; x++)
+            mean[x] += precision * at->innovation[MEAN] * at->innovation[x];
+        /* The logarithm of many at once. */
+        product *= s;
+        if (!(product > 1e-100 && product < 1e100)) {
+            log_det += log(product);
+            product = 1.0;
+        }
+        const double c00 = at->covariance[0] = r * g0, c01 = at->covariance[1] = r * g1;
+        const double c11 = at->covariance[2] = b[2] - g1 * b[1];
+        if (i + 1 == count)
+            break;
+        set_step(&p, intervals[i], moved[i], at);
+        if (!is_proper(p.kind, at))
+            return 1;
+        const double f = at->f, c = at->c, a = at->a;
+        b[0] = f * f * c00 + 2.0 * f * c * c01 + c * c * c11 + at->q[0];
+        b[1] = a * (f * c01 + c * c11) + at->q[1];
+        b[2] = a * a * c11 + at->q[2];
+        for (int x = 0; x < LANES; x++) {
+            position[x] = f * position[x] + c * velocity[x];
+            velocity[x] *= a;
+        }
+    }
+    information = mean[MEAN];
+    if (p.kind == WANDER) {
+        if (!(information > 0.0))
+            return 1;
+        log_det += log(information);
+        for (int x = 0; x < AXES; x++)
+            mean[x] /= information;
+    }
+    double squares = 0.0;
+    for (int64_t i = 0; i < count; i++) {
+        const Filtered *at = filtered + i;
+        for (int x = 0; x < AXES; x++) {
+            const double innovation = at->innovation[x] - mean[x] * at->innovation[MEAN];
+            squares += at->precision * innovation * innovation;
+        }
+    }
+    found[0] = -0.5 * (squares + AXES * (log_det + log(product)));
+    found[1] = p.kind == WANDER ? information : 1.0;
+    memcpy(found + 2, mean, AXES * sizeof(double));
+    return !isfinite(found[0]);
+}
+
+/* The slopes of a step's Q by each parameter but the jitter's, and of F's last column by the time's
+ * logarithm. */
+typedef struct {
+    Symmetric q[PARAMETERS];
+    double column[2];
+} Slopes;
+
+static inline void set_slopes(const Process *p, double interval, double factor, const Filtered *at,
+                              Slopes *slopes)
+{
+    if (p->kind == DRIFT) {
+        slopes->q[1][0] = 2.0 * at->q[0];
+        slopes->q[1][1] = slopes->q[1][2] = 0.0;
+        return;
+    }
+    const double h = interval / p->time, rest = at->rest;
+    if (p->kind == WANDER) {
+        const double a = at->f;
+        memset(slopes->q, 0, sizeof slopes->q);
+        slopes->q[1][0] = 2.0 * at->q[0];
+        slopes->q[2][0] = -2.0 * p->variance * a * a * h * factor;
+        slopes->column[0] = a * h;
+        slopes->column[1] = 0.0;
+        return;
+    }
+    const double a = at->a, stationary = at->q[0] - at->drift;
+    double *const drift = slopes->q[1], *const std = slopes->q[2], *const time = slopes->q[3];
+    drift[0] = 2.0 * at->drift;
+    drift[1] = drift[2] = 0.0;
+    std[0] = 2.0 * stationary;
+    std[1] = 2.0 * at->q[1];
+    std[2] = 2.0 * at->q[2];
+    time[0] = 2.0 * (stationary - p->variance * p->time * p->time * h * rest * rest * factor);
+    time[1] = p->variance * p->time * rest * (rest - 2.0 * a * h);
+    time[2] = -2.0 * p->variance * a * a * h;
+    slopes->column[0] = p->time * (rest - a * h);
+    slopes->column[1] = a * h;
+}
+
+static inline double trace(const Symmetric a, const Symmetric b)
+{
+    return a[0] * b[0] + 2.0 * a[1] * b[1] + a[2] * b[2];
+}
+
+/* What is known of a disturbance below this share of what is known of its pose is none. */
+static const double ROUND_OFF = 1e-10;
+
+/* From the score of a disturbance on three axes and what is known of it: the square of its estimate,
+ * and the variance beside its own. */
+static inline void set_disturbance(const double *score, double known, double most, double own,
+                                   double *square, double *rest)
+{
+    const double least = fmax(known, ROUND_OFF * most);
+    const double size = score[0] * score[0] + score[1] * score[1] + score[2] * score[2];
+    *square = size / (least * least);
+    *rest = fmax(1.0 / least - own, 0.0);
+}
+
+static int last_of(int kind) { return kind == DRIFT ? 1 : kind == VELOCITY ? 3 : 2; }
+
+/* The smoother. found: as the filter has left it. smoothed (N,); disturbances: of poses (2, N), of
+ * steps (2, N - 1), each squares and rests; gradient (p,). */
+int chain_smooth(int64_t kind, int64_t count, const double *parameters, const double *intervals,
+                 const double *errors, const double *moved, const Filtered *filtered,
+                 const double *found, Smoothed *smoothed, double *poses, double *steps,
+                 double *gradient)
+{
+    const Process p = process(kind, parameters);
+    const int last = last_of(p.kind), own = p.kind == VELOCITY;
+    const double spread = p.kind == WANDER ? 1.0 / found[1] : 0.0; /* the mean's variance */
+    const double mean[LANES] = {found[2], found[3], found[4], 0.0};
+    double felt[2][LANES] = {{0.0}}, adjoint[LANES] = {0.0}; /* of the step that begins here */
+    Symmetric known = {0.0};                                 /* of that step: the variance of felt */
+    double slope[PARAMETERS] = {0.0};
+    for (int64_t i = count - 1; i >= 0; i--) {
+        const Filtered *at = filtered + i;
+        Smoothed *to = smoothed + i;
+        const int step = i + 1 < count;
+        const double f = step ? at->f : 0.0, c = step ? at->c : 0.0, a = step ? at->a : 0.0;
+        const double r = at->noise, g0 = at->gain[0], g1 = at->gain[1];
+        /* F'felt and F'known F. */
+        double back[2][LANES];
+        for (int x = 0; x < LANES; x++) {
+            back[0][x] = f * felt[0][x];
+            back[1][x] = c * felt[0][x] + a * felt[1][x];
+        }
+        const Symmetric k = {f * f * known[0], f * (c * known[0] + a * known[1]),
+                             c * c * known[0] + 2.0 * c * a * known[1] + a * a * known[2]};
+        for (int x = 0; x < LANES; x++) {
+            const double z = x == MEAN ? 1.0 : errors[x * count + i] - mean[x];
+            const double innovation = at->innovation[x] - mean[x] * at->innovation[MEAN];
+            to->score[x] = at->precision * innovation - g0 * back[0][x] - g1 * back[1][x];
+            to->state[0][x] = z - r * to->score[x];
+            to->state[1][x] =
+                at->velocity[x] + at->covariance[1] * back[0][x] + at->covariance[2] * back[1][x];
+        }
+        const double *u = to->score;
+        double told = at->precision + g0 * g0 * k[0] + 2.0 * g0 * g1 * k[1] + g1 * g1 * k[2];
+        told -= spread * u[MEAN] * u[MEAN];
+        set_disturbance(u, told, 1.0 / r, at->jitter, poses + i, poses + count + i);
+        const double size = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+        slope[0] += at->jitter * (size - AXES * told);
+        memcpy(to->felt, felt, sizeof felt);
+        memcpy(to->adjoint, adjoint, sizeof adjoint);
+        if (step) {
+            Slopes slopes;
+            set_slopes(&p, intervals[i], moved[i], at, &slopes);
+            const double one = spread * felt[0][MEAN];
+            Symmetric all = {known[0] - one * felt[0][MEAN], known[1], known[2]};
+            const double det = at->q[0] * at->q[2] - at->q[1] * at->q[1];
+            const double most = own ? at->q[2] / det : 1.0 / at->q[0];
+            set_disturbance(felt[0], all[0], most, at->q[0], steps + i, steps + count - 1 + i);
+            /* Σ felt felt' - 3 known, and Σ x felt' - 3 cov(x, felt) with x's last component. */
+            Symmetric more = {-AXES * all[0], -AXES * all[1], -AXES * all[2]};
+            const double row[2] = {own ? at->covariance[1] * f + at->covariance[2] * c
+                                       : at->covariance[0] * f,
+                                   own ? at->covariance[2] * a : 0.0};
+            double crossed[2] = {-AXES * (row[0] * known[0] + row[1] * known[1] -
+                                          one * to->state[0][MEAN]),
+                                 -AXES * (row[0] * known[1] + row[1] * known[2])};
+            for (int x = 0; x < AXES; x++) {
+                more[0] += felt[0][x] * felt[0][x];
+                more[1] += felt[0][x] * felt[1][x];
+                more[2] += felt[1][x] * felt[1][x];
+                crossed[0] += to->state[own][x] * felt[0][x];
+                crossed[1] += to->state[own][x] * felt[1][x];
+            }
+            for (int j = 1; j <= last; j++)
+                slope[j] += 0.5 * trace(slopes.q[j], more);
+            if (p.kind != DRIFT) {
+                slope[last] += slopes.column[0] * crossed[0] + slopes.column[1] * crossed[1];
+                for (int x = 0; x < AXES; x++)
+                    adjoint[x] = slopes.column[0] * felt[0][x] + slopes.column[1] * felt[1][x] +
+                                 (own ? a : f) * adjoint[x];
+                /* That of the state here. */
+                memcpy(to->adjoint, adjoint, sizeof adjoint);
+            }
+        }
+        if (i == 0 && p.kind != DRIFT) {
+            /* The first state's own variance. */
+            const double c0 = at->covariance[own], c1 = own ? at->covariance[2] : 0.0;
+            double first = at->covariance[2 * own] -
+                           (c0 * c0 * k[0] + 2.0 * c0 * c1 * k[1] + c1 * c1 * k[2]);
+            first = AXES * (first + spread * to->state[0][MEAN] * to->state[0][MEAN]);
+            for (int x = 0; x < AXES; x++)
+                first += to->state[own][x] * to->state[own][x];
+            slope[last - 1] += first / p.variance - AXES;
+        }
+        /* Of the step that ends here. */
+        const double left = r * at->precision; /* 1 - g0 */
+        known[0] = at->precision + left * left * k[0] - 2.0 * left * g1 * k[1] + g1 * g1 * k[2];
+        known[1] = left * k[1] - g1 * k[2];
+        known[2] = k[2];
+        for (int x = 0; x < LANES; x++) {
+            felt[0][x] = u[x] + back[0][x];
+            felt[1][x] = back[1][x];
+        }
+    }
+    for (int j = 0; j <= last; j++)
+        gradient[j] = slope[j];
+    return 0;
+}
+
+/* The average information (p, p): ½ q_j P q_l with q_j = ∂V/∂ψ_j P z, filtered as z is. */
+int chain_information(int64_t kind, int64_t count, const double *parameters,
+                      const double *intervals, const double *moved, const Filtered *filtered,
+                      const double *found, const Smoothed *smoothed, double *information)
+{
+    const Process p = process(kind, parameters);
+    const int last = last_of(p.kind), size = last + 1, own = p.kind == VELOCITY;
+    /* What q_j's states are beyond what the filter says. */
+    double state[PARAMETERS][2][LANES] = {{{0.0}}};
+    double ahead[PARAMETERS][LANES] = {{0.0}}, sums[PARAMETERS][PARAMETERS] = {{0.0}};
+    if (p.kind != DRIFT)
+        for (int x = 0; x < AXES; x++) {
+            state[last - 1][own][x] = 2.0 * smoothed->state[own][x];
+            state[last][own][x] = p.variance * smoothed->adjoint[x];
+        }
+    for (int64_t i = 0; i < count; i++) {
+        const Filtered *at = filtered + i;
+        const Smoothed *here = smoothed + i;
+        double innovation[PARAMETERS][LANES];
+        for (int j = 0; j < size; j++)
+            for (int x = 0; x < LANES; x++)
+                innovation[j][x] = state[j][0][x];
+        for (int x = 0; x < AXES; x++)
+            innovation[0][x] += 2.0 * at->jitter * here->score[x];
+        for (int j = 0; j < size; j++) {
+            for (int l = 0; l <= j; l++)
+                for (int x = 0; x < AXES; x++)
+                    sums[j][l] += at->precision * innovation[j][x] * innovation[l][x];
+            const double one = at->precision * at->innovation[MEAN];
+            for (int x = 0; x < LANES; x++) {
+                ahead[j][x] += one * innovation[j][x];
+                state[j][0][x] -= at->gain[0] * innovation[j][x];
+                state[j][1][x] -= at->gain[1] * innovation[j][x];
+            }
+        }
+        if (i + 1 == count)
+            break;
+        Slopes slopes;
+        set_slopes(&p, intervals[i], moved[i], at, &slopes);
+        for (int j = 0; j < size; j++)
+            for (int x = 0; x < LANES; x++) {
+                state[j][0][x] = at->f * state[j][0][x] + at->c * state[j][1][x];
+                state[j][1][x] *= at->a;
+            }
+        for (int j = 1; j < size; j++)
+            for (int x = 0; x < AXES; x++) {
+                const double *q = slopes.q[j];
+                state[j][0][x] += q[0] * here->felt[0][x] + q[1] * here->felt[1][x];
+                state[j][1][x] += q[1] * here->felt[0][x] + q[2] * here->felt[1][x];
+            }
+        if (p.kind == DRIFT)
+            continue;
+        for (int x = 0; x < AXES; x++) {
+            const double later = here[1].adjoint[x];
+            state[last][0][x] += slopes.column[0] * here->state[own][x] + at->q[own] * later;
+            state[last][1][x] +=
+                slopes.column[1] * here->state[own][x] + at->q[2 * own] * later * own;
+        }
+    }
+    for (int j = 0; j < size; j++)
+        for (int l = 0; l <= j; l++) {
+            double sum = sums[j][l];
+            for (int x = 0; x < AXES && p.kind == WANDER; x++)
+                sum -= ahead[j][x] * ahead[l][x] / found[1];
+            information[j * size + l] = information[l * size + j] = 0.5 * sum;
+        }
+    return 0;
+}
+
+/* What the process is, as each pose's neighbours tell it, of other errors values (N, lanes): the
+ * position with its share of the noise taken off, into smoothed (N, lanes). work: (4, lanes). */
+int chain_smooth_others(int64_t count, int64_t lanes, const Filtered *filtered,
+                        const double *values, double *smoothed, double *work)
+{
+    double *const position = work, *const velocity = work + lanes;
+    memset(work, 0, 4 * lanes * sizeof *work);
+    for (int64_t i = 0; i < count; i++) {
+        const Filtered *at = filtered + i;
+        const double *z = values + i * lanes;
+        double *scaled = smoothed + i * lanes;
+        const double g0 = at->gain[0], g1 = at->gain[1], f = at->f, c = at->c, a = at->a;
+        const int step = i + 1 < count;
+        for (int64_t x = 0; x < lanes; x++) {
+            const double innovation = z[x] - position[x];
+            scaled[x] = at->precision * innovation;
+            const double p = position[x] + g0 * innovation, v = velocity[x] + g1 * innovation;
+            position[x] = step ? f * p + c * v : 0.0;
+            velocity[x] = step ? a * v : 0.0;
+        }
+    }
+    double *const felt = work + 2 * lanes, *const later = work + 3 * lanes;
+    for (int64_t i = count - 1; i >= 0; i--) {
+        const Filtered *at = filtered + i;
+        const int step = i + 1 < count;
+        const double f = step ? at->f : 0.0, c = step ? at->c : 0.0, a = step ? at->a : 0.0;
+        const double *z = values + i * lanes;
+        double *x0 = smoothed + i * lanes;
+        for (int64_t x = 0; x < lanes; x++) {
+            const double back0 = f * felt[x], back1 = c * felt[x] + a * later[x];
+            const double score = x0[x] - at->gain[0] * back0 - at->gain[1] * back1;
+            x0[x] = z[x] - at->noise * score;
+            felt[x] = score + back0;
+            later[x] = back1;
+        }
+    }
+    return 0;
+}
