@@ -12,14 +12,17 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
-from performance import calibration
+import numpy as np
+
 from performance.calibration import (
     KERNELS,
     LAG,
     ON_THE_WAY,
     Cell,
+    Known,
     Measured,
     beside_spline,
     cells_of,
@@ -29,13 +32,16 @@ from performance.calibration import (
     score,
     score_interpolation,
     typical_factor,
+    with_all_data,
     with_lag,
 )
 from performance.tables import SkippedError, Table
 
 SOURCES = Path(__file__).with_name("recordings.csv")
 RATES = (20, 10, 5, 2)
-HALVES = ("chosen on", "held out")
+HALVES = ("held out", "chosen on")
+WAYS = {KERNELS[0]: "learned first", ON_THE_WAY: "learned on the way"}
+_PAGE = "calibration.md"
 _LEAST_HELD_OUT = 20
 
 
@@ -63,8 +69,9 @@ def run() -> Iterator[Table]:
         for cell in cells_of(row["name"], read(folder / f"{row['name']}.txt"), RATES)
         if len(cell.held_out) >= _LEAST_HELD_OUT
     ]
-    for half in HALVES:
-        yield from tables_of(half, measured)
+    yield overview(measured)
+    yield kinds(measured)
+    yield single_cells(measured)
 
 
 def sources() -> list[dict[str, str]]:
@@ -73,56 +80,80 @@ def sources() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def tables_of(half: str, measured: list[Measured]) -> Iterator[Table]:
-    """Return the tables of the recordings of one half."""
-    kinds = {row["name"]: row["kind"] for row in sources() if row["half"] == half}
-    here = [cell for cell in measured if cell.sequence in kinds]
-    if not here:
-        return
-    yield _overview(half, here)
-    rows = []
-    for name in dict.fromkeys(cell.sequence for cell in here):
-        cells = {cell.rate: cell for cell in here if cell.sequence == name}
-        found = [
-            f"{cells[rate].live[process].anees:.2f}" if rate in cells else ""
-            for process in (KERNELS[0], ON_THE_WAY)
-            for rate in RATES
-        ]
-        rows.append((name, kinds[name], *found))
+def overview(measured: list[Measured]) -> Table:
+    """Return the default's figures over each half; with all samples they are only printed."""
+    rows = {known: _overview(measured, known) for known in (with_lag, with_all_data)}
     header = (
-        "recording",
-        "kind",
-        *(f"{rate} Hz" for rate in RATES),
-        *(f"{rate} Hz, on the way" for rate in RATES),
-    )
-    title = f"ANEES, with the samples up to 0.3 s later: {half}"
-    yield Table(f"recordings anees {half}", title, header, tuple(rows), "calibration.md")
-
-
-def _overview(half: str, measured: list[Measured]) -> Table:
-    rows = []
-    for known, words in ((calibration.with_all_data, "all samples"), (with_lag, "lag")):
-        for process in (KERNELS[0], ON_THE_WAY):
-            anees = figure(measured, known, process, "anees")
-            coverage = figure(measured, known, process, "coverage")
-            ratio = beside_spline(measured, known, process, "position_rmse")
-            rows.append(
-                (
-                    f"`{process}`" if process in KERNELS else process,
-                    words,
-                    f"{typical_factor(list(anees)):.2f}",
-                    f"{anees.min():.3f} to {anees.max():.1f}",
-                    f"{coverage.mean():.3f}",
-                    f"{ratio:.2f}",
-                )
-            )
-    header = (
-        "process",
+        "half",
+        "`matern52`",
         "knows",
+        "cells",
         "typical ANEES factor",
         "ANEES",
-        "coverage",
+        "95 % holds",
         "position RMSE / spline's",
     )
-    title = f"{len(measured)} cells of recordings: {half}"
-    return Table(f"recordings overview {half}", title, header, tuple(rows), "calibration.md")
+    title = "All cells of the recordings, 20 to 2 Hz"
+    return Table("recordings overview", title, header, rows[with_lag], _PAGE, rows[with_all_data])
+
+
+def _overview(measured: list[Measured], known: Known) -> tuple[tuple[str, ...], ...]:
+    rows = []
+    for half, process in product(HALVES, WAYS):
+        cells = _of_half(measured, half)
+        if not cells:
+            continue
+        anees = figure(cells, known, process, "anees")
+        rows.append(
+            (
+                half,
+                WAYS[process],
+                "all samples" if known is with_all_data else "lag",
+                str(len(cells)),
+                f"{typical_factor(list(anees)):.2f}",
+                f"{anees.min():.3f} to {anees.max():.1f}",
+                f"{100 * figure(cells, known, process, 'coverage').mean():.1f} %",
+                f"{beside_spline(cells, known, process, 'position_rmse'):.2f}",
+            )
+        )
+    return tuple(rows)
+
+
+def kinds(measured: list[Measured]) -> Table:
+    """Return ANEES by kind of recording and rate, as a node has it: on the way, with the lag."""
+    rows = []
+    for kind, half in product(dict.fromkeys(row["kind"] for row in sources()), HALVES):
+        names = {row["name"] for row in sources() if (row["kind"], row["half"]) == (kind, half)}
+        cells = [cell for cell in measured if cell.sequence in names]
+        if not cells:
+            continue
+        found = []
+        for rate in RATES:
+            here = [cell for cell in cells if cell.rate == rate]
+            anees = figure(here, with_lag, ON_THE_WAY, "anees")
+            found.append(f"{np.exp(np.log(anees).mean()):.2f}" if here else "")
+        rows.append((kind, half, str(len({cell.sequence for cell in cells})), *found))
+    header = ("kind", "half", "recordings", *(f"{rate} Hz" for rate in RATES))
+    title = "ANEES, learned on the way, with the samples up to 0.3 s later; geometric means"
+    return Table("recordings kinds", title, header, tuple(rows), _PAGE)
+
+
+def single_cells(measured: list[Measured]) -> Table:
+    """Return the ANEES of each cell, with the lag, which is printed and on no page."""
+    rows = []
+    for name in dict.fromkeys(cell.sequence for cell in measured):
+        cells = {cell.rate: cell for cell in measured if cell.sequence == name}
+        found = [
+            f"{cells[rate].live[process].anees:.2f}" if rate in cells else ""
+            for process, rate in product(WAYS, RATES)
+        ]
+        rows.append((name, *found))
+    ways = product(WAYS.values(), RATES)
+    header = ("recording", *(f"{rate} Hz, {way}" for way, rate in ways))
+    title = "ANEES, with the samples up to 0.3 s later"
+    return Table("recordings anees", title, header, tuple(rows), None)
+
+
+def _of_half(measured: list[Measured], half: str) -> list[Measured]:
+    names = {row["name"] for row in sources() if row["half"] == half}
+    return [cell for cell in measured if cell.sequence in names]

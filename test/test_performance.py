@@ -6,13 +6,23 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from performance import __main__ as entry
-from performance import benchmark, calibration, clocks, commands, ground_truth, likelihoods, tables
+from performance import (
+    benchmark,
+    calibration,
+    clocks,
+    commands,
+    ground_truth,
+    likelihoods,
+    recordings,
+    tables,
+)
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.ground_truth.segment import Samples
@@ -58,9 +68,21 @@ def test_calibration(measured: calibration.Measured) -> None:
         assert 0.01 < score.anees < 100.0
     made = list(calibration.single_cells([measured]))
     made.append(calibration.overview([measured], calibration.with_lag, "a", "title"))
-    made.append(calibration.aims([measured], calibration.with_all_data, "matern52", "b", "title"))
+    made.append(calibration.aims_of_all([measured]))
     for table in made:
         assert {len(row) for row in table.rows} == {len(table.header)}
+
+
+def test_recordings(cell: calibration.Cell) -> None:
+    first, last = recordings.sources()[0], recordings.sources()[-1]
+    measured = [recordings.measure(replace(cell, sequence=row["name"])) for row in (first, last)]
+    for table in (recordings.overview(measured), recordings.kinds(measured)):
+        assert {len(row) for row in (*table.rows, *table.further)} == {len(table.header)}
+        assert {row["half"] for row in (first, last)} <= {x for row in table.rows for x in row}
+    assert [row[0] for row in recordings.single_cells(measured).rows] == [
+        first["name"],
+        last["name"],
+    ]
 
 
 def test_plain_is_not_the_default(cell: calibration.Cell) -> None:
