@@ -51,14 +51,16 @@ def trajectory_of(
         remarks = (*remarks, "positions only: figures that need orientations are left out")
     quaternions, renormed = _normalised(quaternions)
     metres = 1.0 if table.named is None else table.named.metres
+    # Of all of them, views: a long file is not to be there twice.
+    kept = slice(None) if finite.all() else finite
     return ordered(
         Trajectory(
-            stamps=stamps[finite],
-            positions=positions[finite] if metres == 1.0 else metres * positions[finite],
-            quaternions=quaternions[finite],
-            rows=table.rows[finite],
+            stamps=stamps[kept],
+            positions=positions[kept] if metres == 1.0 else metres * positions[kept],
+            quaternions=quaternions[kept],
+            rows=table.rows[kept],
             source=table.source,
-            covariances=None if covariances is None else covariances[finite],
+            covariances=None if covariances is None else covariances[kept],
             non_finite_stamp_rows=table.rows[~finite],
             has_orientation=oriented,
             remarks=(*table.remarks, *remarks, *renormed),

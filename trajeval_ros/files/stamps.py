@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.files.plain import Written
 from trajeval_ros.files.text import Table, shown
 from trajeval_ros.files.trajectory import TrajectoryFileError
 
@@ -55,7 +56,8 @@ def read_stamps(table: Table, exponent: int) -> tuple[Integers, Mask, tuple[str,
     said = None if table.named is None else table.named.exponent
     unit = _unit(table.values[finite, 0], exponent) if said is None else said
     remarks = () if unit == exponent else (f"stamps in {_UNITS[unit]}",)
-    stamps, known = _plain(table.first, unit)
+    column = table.first
+    stamps, known = column.scaled(unit) if isinstance(column, Written) else _plain(column, unit)
     stamps[~finite] = 0
     for index in np.flatnonzero(finite & ~known).tolist():
         stamp = _decimal_nanoseconds(table, index, unit)
@@ -70,7 +72,9 @@ def _unit(values: Array, exponent: int) -> int:
     """The unit by size, where it cannot be the format's."""
     if len(values) == 0:
         return exponent
-    median = float(np.median(values))
+    # Of stamps that are none it may be beyond a double.
+    with np.errstate(over="ignore"):
+        median = float(np.median(values))
     if not _impossible(values, median, exponent):
         return exponent
     for unit in _UNITS:

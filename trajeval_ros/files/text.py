@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from trajeval_ros.files.content import Content, read_content
 from trajeval_ros.files.names import POSITION, QUATERNION, Columns, columns_of, split_names
+from trajeval_ros.files.plain import head_of, read_plain
 from trajeval_ros.files.trajectory import TrajectoryFileError
 
 Array = npt.NDArray[np.float64]
@@ -77,6 +78,9 @@ def read_table(path: PathLike, layout: Layout) -> Table:
         TrajectoryFileError: the file cannot be read, is not text, holds no row, a row of
             another number of columns or something that is not a number.
     """
+    plain = _plain_table(os.fspath(path), layout)
+    if plain is not None:
+        return plain
     content = read_content(path)
     text = content.text.replace(",", " ")
     lines = text.split("\n")
@@ -101,6 +105,21 @@ def read_table(path: PathLike, layout: Layout) -> Table:
     first = [line.split(None, 1)[0] for line in lines]
     rows = np.array(filled, dtype=np.int64)
     return Table(content.source, values, first, rows, named, tuple(remarks))
+
+
+def _plain_table(source: str, layout: Layout) -> Table | None:
+    """The table of a file that is as its format has it; None where anything is to be said of it."""
+    head = head_of(source)
+    if head is None:
+        return None
+    first = head[-1].partition("#")[0].replace(",", " ").split()
+    if not layout.fits(len(first)) or not all(map(_is_number, first)):
+        return None
+    content = Content(source, "\n".join(head), ())
+    if _names(content, [" ".join(first)], [len(head)], layout) is not None:
+        return None
+    plain = read_plain(source, len(first))
+    return None if plain is None else Table(source, plain.values, plain.first, plain.rows)
 
 
 def _numbers(source: str, lines: list[str], rows: list[int], layout: Layout) -> Array:

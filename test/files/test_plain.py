@@ -1,0 +1,171 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plain tables: the loop in C, NumPy and the general reader read the same."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from trajeval_ros import loops
+from trajeval_ros.files import plain, text
+from trajeval_ros.files.plain import (
+    _read_by_loops,
+    _read_by_numpy,
+    head_of,
+    read_plain,
+)
+from trajeval_ros.files.stamps import NANOSECONDS, SECONDS, read_stamps
+from trajeval_ros.files.text import Layout, read_table
+from trajeval_ros.files.trajectory import TrajectoryFileError
+
+built = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+TWO = Layout({2: "stamp x"})
+
+_DIGITS = st.text("0123456789", min_size=1, max_size=25)
+_WRITTEN = st.builds(
+    "".join,
+    st.tuples(
+        st.sampled_from(["", "-", "+"]),
+        st.one_of(
+            _DIGITS,
+            st.tuples(_DIGITS, _DIGITS).map(".".join),
+            _DIGITS.map("{}.".format),
+            _DIGITS.map(".{}".format),
+        ),
+        st.one_of(st.just(""), st.integers(-400, 400).map("e{}".format), st.just("E+07")),
+    ),
+)
+_NUMBERS = st.one_of(
+    _WRITTEN,
+    st.floats().map(repr),
+    st.floats(-1e3, 1e3).map("{:.7f}".format),
+    st.integers(0, 2**63).map("{:d}".format),
+    st.sampled_from(["nan", "-NaN", "inf", "+Infinity", "-0.0", "1e999", "1e-999", "4.9e-324"]),
+)
+_NONE = [
+    "",
+    ".",
+    "-",
+    "1e",
+    "1e+",
+    "0x10",
+    "1_0",
+    "--1",
+    "1.2.3",
+    "nan(1)",
+    "infin",
+    "é",
+    "1\r2",
+    "\v",
+]
+_GAPS = st.sampled_from([" ", ",", "\t", ", ", "  "])
+_ENDS = st.sampled_from(["\n", "\r\n", " \n", "# a b\n", "\n\n", "\n# c\n \n"])
+
+
+def read_both(written):
+    """What the loop reads and what NumPy does, or None, of two columns."""
+    for read in (_read_by_loops, _read_by_numpy):
+        most = written.count(b"\n")
+        arrays = np.empty((most, 2)), *np.empty((3, most), dtype=np.int64)
+        count = read(written, 7, *arrays)
+        yield None if count < 0 else [array[:count] for array in arrays]
+
+
+def assert_both_read_the_same(written):
+    found, expected = read_both(written)
+    if found is None or expected is None:
+        assert found is expected
+        return
+    for one, other in zip(found, expected, strict=True):
+        assert np.array_equal(one, other, equal_nan=one.dtype == np.float64)
+        assert np.array_equal(np.copysign(1.0, one), np.copysign(1.0, other))
+
+
+@built
+@given(st.lists(st.tuples(_NUMBERS, _GAPS, _NUMBERS, _ENDS), min_size=1, max_size=6))
+@example([("9007199254740993", " ", "0.1234567890123456789", "\n")])
+@example([("0.000000000000000000000000000001", " ", "1e22", "\n")])
+def test_loop_and_numpy_read_the_same(rows):
+    assert_both_read_the_same("".join(map("".join, rows)).encode())
+
+
+@built
+@given(_NUMBERS, st.sampled_from(_NONE))
+def test_loop_and_numpy_refuse_the_same(number, word):
+    for line in (f"{word} {number}\n", f"{number} {word}\n", f"{number} {number} {word}\n"):
+        assert_both_read_the_same(line.encode())
+
+
+@given(st.lists(st.tuples(_NUMBERS, _GAPS, _NUMBERS, _ENDS), min_size=1, max_size=6))
+def test_a_plain_table_is_read_as_any_other(tmp_path_factory, rows):
+    path = tmp_path_factory.mktemp("plain") / "table.txt"
+    path.write_bytes(("# begins\n" + "".join(map("".join, rows))).encode())
+    found = read_table(path, TWO)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(text, "_plain_table", lambda source, layout: None)
+        expected = read_table(path, TWO)
+    assert np.array_equal(found.values, expected.values, equal_nan=True)
+    assert np.array_equal(found.rows, expected.rows)
+    assert [*found.first] == [*expected.first]
+    assert (found.named, found.remarks) == (expected.named, expected.remarks)
+    for unit in (SECONDS, 6, NANOSECONDS):
+        assert stamps_of(found, unit) == stamps_of(expected, unit)
+
+
+def stamps_of(table, unit):
+    """Its stamps, or why it has none."""
+    try:
+        stamps, finite, remarks = read_stamps(table, unit)
+    except TrajectoryFileError as error:
+        return str(error)
+    return stamps.tolist(), finite.tolist(), remarks
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["without", "with"])
+def test_blocks_are_joined(tmp_path, monkeypatch, whole):
+    monkeypatch.setattr(plain, "_BLOCK", 64)
+    path = tmp_path / "table.txt"
+    rows = [f"{row}.5 {row * row}\n" + "# comment\n" * (row % 3) for row in range(200)]
+    path.write_text("".join(rows)[: None if whole else -1])
+    with loops.left_out() if whole else pytest.MonkeyPatch.context():
+        found = read_plain(str(path), 2)
+    if not whole:
+        assert found is None
+        return
+    assert np.array_equal(found.values, [[row + 0.5, row * row] for row in range(200)])
+    lines = path.read_text().splitlines()
+    assert [float(lines[row - 1].split()[0]) for row in found.rows] == [*found.values[:, 0]]
+    assert found.first.scaled(0)[1].tolist() == [False] * 200
+    assert found.first.scaled(1)[0].tolist() == [10 * row + 5 for row in range(200)]
+
+
+def test_a_line_without_an_end_is_not_plain(tmp_path, monkeypatch):
+    monkeypatch.setattr(plain, "_BLOCK", 64)
+    path = tmp_path / "table.txt"
+    path.write_text("0.0 1\n" + 300 * "1")
+    assert head_of(str(path)) == ["0.0 1"]
+    assert read_plain(str(path), 2) is None
+
+
+def test_a_long_file_takes_little_more_than_its_numbers(tmp_path, monkeypatch):
+    monkeypatch.setattr(plain, "_BLOCK", 1 << 14)
+    path = tmp_path / "table.txt"
+    path.write_text("".join(f"{row}.{row:09d} {row * 1e-7:.7f}\n" for row in range(20_000)))
+    tracemalloc.start()
+    try:
+        table = read_plain(str(path), 2)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    kept = 5 * 8 * len(table.rows)
+    assert peak < 1.25 * kept + (1 << 17)
+
+
+def test_stamps_beyond_any_double_are_refused_without_a_warning(tmp_path):
+    path = tmp_path / "table.txt"
+    path.write_text("1e308 0\n" * 2)
+    with pytest.raises(TrajectoryFileError, match="row 1: the stamp '1e308' is out of the range"):
+        read_stamps(read_table(path, TWO), SECONDS)
