@@ -73,8 +73,12 @@ def test_both_say_the_same(chain):
         scores = [np.sqrt(square) * each for (square, _), each in zip(pairs, known, strict=True)]
         assert_close(known[0] * least, known[1] * least, 1.0)
         assert_close(*scores)
-    others = np.random.default_rng(1).normal(size=(5, series.errors.shape[1]))
-    assert_close(found.smoothed(others), expected.smoothed(others))
+    columns = np.random.default_rng(1).normal(size=(series.errors.shape[1], 3, 2))
+    columns[..., 1] += 1.0
+    # NumPy has them as a difference from these.
+    squares = float(((columns**2).sum(axis=(1, 2)) / (series.variance + jitter)).max())
+    assert_close(found.products(columns), expected.products(columns), squares)
+    assert_close(found.smoothed(columns), expected.smoothed(columns))
 
 
 def test_records_are_as_long_as_in_c():

@@ -8,10 +8,20 @@ from error_model.test_search import PARAMETERS, alike, series
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trajeval_ros import loops
 from trajeval_ros.error_model.axes import Axes
-from trajeval_ros.error_model.maximum import _largest_within, climb, likeliest, penalised
+from trajeval_ros.error_model.maximum import (
+    _largest_within,
+    _newton_step,
+    _reweighted,
+    climb,
+    likeliest,
+    penalised,
+)
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.search import bounds
+
+built = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
 
 
 def with_outliers(count=120, seed=5):
@@ -74,3 +84,59 @@ def test_the_largest_within_reach(count, reach, seed):
     values = np.random.default_rng(seed).normal(size=(count, 2)).clip(0.0)
     expected = [values[max(i - reach, 0) : i + reach + 1].max(axis=0) for i in range(count)]
     assert np.array_equal(_largest_within(values, reach), expected)
+
+
+@st.composite
+def steps(draw):
+    """Where a step begins, near its bounds or far from them, and what is known there."""
+    count = draw(st.integers(1, 8))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    root = rng.normal(size=(count, count))
+    curvature = root @ root.T * np.exp(draw(st.floats(-6.0, 6.0)))
+    low, high = -rng.uniform(0.0, 3.0, count), rng.uniform(0.0, 3.0, count)
+    here = np.zeros(count)
+    held = rng.uniform(size=count) < draw(st.sampled_from([0.0, 0.3, 1.0]))
+    low[held] = high[held] = 0.0
+    return here, np.exp(draw(st.floats(-6.0, 6.0))) * rng.normal(size=count), curvature, low, high
+
+
+@built
+@given(steps())
+def test_c_steps_as_numpy(given):
+    step, promised = _newton_step(*given)
+    with loops.left_out():
+        expected = _newton_step(*given)
+    here, _, _, low, high = given
+    assert ((here + step >= low) & (here + step <= high)).all()
+    np.testing.assert_allclose(step, expected[0], rtol=1e-6, atol=1e-9)
+    assert promised == pytest.approx(expected[1], rel=1e-6, abs=1e-9)
+
+
+@built
+@given(
+    st.sampled_from(list(Kind)),
+    st.integers(2, 300),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([1, 4, 64, 1024]),
+)
+def test_c_reweighs_as_numpy(kind, count, seed, apart):
+    rng = np.random.default_rng(seed)
+    errors = np.cumsum(5e-3 * rng.standard_t(1.0, (count, 6)), axis=0).clip(-1e3, 1e3)
+    errors += 1e-3 * rng.standard_t(2.0, (count, 6))
+    data, _ = alike(count, seed % 1000, errors)
+    here = Axes(kind, PARAMETERS[kind][0], series(data, 0))
+    for _ in range(3):
+        weights, promised = _reweighted(here, apart)
+        with loops.left_out():
+            expected, all_promised = _reweighted(here, apart)
+        assert promised == pytest.approx(all_promised, rel=1e-9, abs=1e-9)
+        for one, other in zip(weights, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9)
+        here = here.at(here.parameters, weights)
+
+
+@built
+def test_a_curvature_that_is_none_is_no_likelihood():
+    given = np.zeros(2), np.ones(2), np.full((2, 2), np.nan), -np.ones(2), np.ones(2)
+    with pytest.raises(np.linalg.LinAlgError):
+        _newton_step(*given)

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains of one axis are the likelihood where axes are alike, and end near its maximum else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.error_model.axes import Axes
 from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import climb
@@ -110,26 +112,35 @@ def test_lost_tracks_do_not_rule_where_to_begin():
     np.testing.assert_allclose(begin, np.log([2e-3, 2e-2, 2.0]), atol=1.0)
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-@pytest.mark.parametrize("count", [200, 1500])
-def test_the_search_ends_near_the_maximum(kind, count):
-    # Moving, so that headings count; the second is more than is searched at once.
+def wandering_and_moving(count):
+    """Moving, so that headings count."""
     errors = wandering(count, 20.0, 1e-2, 1.0, 1e-3, 4)
     data, gauge = alike(count, 4, errors, 20.0)
     position = np.stack([np.sin(data.times), np.cos(0.7 * data.times), 0.1 * data.times], axis=1)
     gauge[:, :3, 3:] = -se3.hat(position)
-    moving = Data(
-        data.times,
-        data.errors,
-        data.covariance,
-        np.diff(position, axis=0),
-        data.nuisances,
-        data.precision,
-        data.measured,
-        data.moved,
-    )
+    return replace(data, travel=np.diff(position, axis=0)), gauge
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("count", [200, 1500])
+def test_the_search_ends_near_the_maximum(kind, count):
+    # The second is more than is searched at once.
+    moving, gauge = wandering_and_moving(count)
     guess = search(kind, moving, gauge, 0.02)
     here = Likelihood(kind, guess.parameters, moving, gauge).at(guess.parameters, guess.weights)
     low, high = (each.ravel() for each in bounds(kind, moving))
     best = climb(here, low, high, 1e-5, 50, weighted=False)
     assert best.value - here.value < 1.0
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@pytest.mark.parametrize("kind", list(Kind))
+def test_numpy_alone_ends_at_the_same_place(kind):
+    moving, gauge = wandering_and_moving(200)
+    guess = search(kind, moving, gauge, 0.02)
+    with loops.left_out():
+        expected = search(kind, moving, gauge, 0.02)
+    np.testing.assert_allclose(guess.parameters, expected.parameters, atol=1e-6)
+    np.testing.assert_allclose(guess.theta, expected.theta, atol=1e-9)
+    for one, other in zip(guess.weights, expected.weights, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6)

@@ -49,7 +49,9 @@ class _Chain(Protocol):
 
     def disturbances(self) -> tuple[Array, Array, Array, Array]: ...
 
-    def smoothed(self, errors: Array) -> Array: ...
+    def products(self, columns: Array) -> Array: ...
+
+    def smoothed(self, columns: Array) -> Array: ...
 
 
 class Axes:
@@ -75,12 +77,6 @@ class Axes:
         """Factors of the variances, of poses and of steps."""
         return self.series.measured, self.series.moved
 
-    @property
-    def weight(self) -> Array:
-        """One by the variance of each pose without its process, (N,)."""
-        jitter = self.series.measured * np.exp(2.0 * self.parameters[0])
-        return np.asarray(1.0 / (self.series.variance + jitter))
-
     def own_noise(self) -> tuple[Array, Array]:
         """The variances of one axis that poses and steps have where their weights are 1."""
         return np.exp(2.0 * self.parameters[:1]), self._chain.noise / self.series.moved
@@ -100,9 +96,16 @@ class Axes:
         """What the steps add to the states, (3, k, N - 1)."""
         return self._chain.moves
 
-    def smoothed(self, errors: Array) -> Array:
-        """The errors' process, as each pose's neighbours tell it, of others (m, N)."""
-        return self._chain.smoothed(errors)
+    def products(self, columns: Array) -> Array:
+        """``Xᵀ P X`` (c, c) of columns X (N, 3, c), P the inverse of the errors' covariance.
+
+        The mean of WANDER is none of it, a flat first state is projected out.
+        """
+        return self._chain.products(columns)
+
+    def smoothed(self, columns: Array) -> Array:
+        """The processes of columns (N, 3, c), as each pose's neighbours tell them."""
+        return self._chain.smoothed(columns)
 
     def gradient(self) -> Array:
         """``∂ log L / ∂ψ``, (p,)."""

@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 _AXES = 3
 ROUND_OFF = 1e-10
 """What is known of a disturbance below this share of what is known of its pose is none."""
+# Of what is taken all of, so much may be left.
+_ROUND_OFF_OF_PRODUCTS = 1e-12
 
 
 class Factored:
@@ -101,11 +103,22 @@ class Factored:
         """The variance of each step's first component, (N - 1,)."""
         return np.asarray(self._noise[0, 0])
 
-    def smoothed(self, errors: Array) -> Array:
-        """The errors' process, as each pose's neighbours tell it, of others (m, N)."""
-        right = np.zeros((*errors.shape, self.kind.components))
-        right[..., 0] = errors * self.weight
-        return _solved(self._factor, right)[:, 0]
+    def products(self, columns: Array) -> Array:
+        """``Xᵀ P X`` (c, c) of columns X (N, 3, c)."""
+        error = _ROUND_OFF_OF_PRODUCTS
+        if self.kind is not Kind.WANDER:
+            # All of what is constant is the process's.
+            error += float(np.abs(self.smoothed(np.ones((len(columns), 1, 1))) - 1.0).max())
+        weighted = columns * self.weight[:, None, None]
+        squares = np.einsum("nxc,nxc->c", weighted, columns)
+        left = (columns - self.smoothed(columns)).reshape(-1, columns.shape[2])
+        return np.asarray(weighted.reshape(left.shape).T @ left + np.diag(error * squares))
+
+    def smoothed(self, columns: Array) -> Array:
+        """The processes of columns (N, 3, c)."""
+        right = np.zeros((columns[0].size, len(columns), self.kind.components))
+        right[..., 0] = (columns * self.weight[:, None, None]).reshape(len(columns), -1).T
+        return np.asarray(_solved(self._factor, right)[:, 0].T.reshape(columns.shape))
 
     def gradient(self) -> Array:
         """``∂ log L / ∂ψ``, (p,)."""

@@ -122,13 +122,27 @@ class Filtered:
         """The variance of each step's first component, (N - 1,)."""
         return np.asarray(self._filtered["noise"][:-1, 0])
 
-    def smoothed(self, errors: Array) -> Array:
-        """The process of others (m, N)."""
-        values = np.ascontiguousarray(errors.T)
-        found, work = np.empty_like(values), np.empty((4, len(errors)))
-        filtered = self._filtered.view(np.float64)
-        loops.call("chain_smooth_others", self._count, len(errors), filtered, values, found, work)
-        return np.asarray(found.T)
+    def products(self, columns: Array) -> Array:
+        """``Xᵀ P X`` (c, c) of columns X (N, 3, c)."""
+        whitened = self._whitened(columns).reshape(-1, columns.shape[2])
+        return np.asarray(whitened.T @ whitened)
+
+    def smoothed(self, columns: Array) -> Array:
+        """The processes of columns (N, 3, c)."""
+        whitened, found = self._whitened(columns), np.empty(columns.shape)
+        self._of_columns("chain_smooth_others", columns, whitened, found)
+        return found
+
+    def _whitened(self, columns: Array) -> Array:
+        """Innovations by their standard deviations, (N, 3, c)."""
+        found = np.empty(columns.shape)
+        self._of_columns("chain_whiten", columns, found)
+        return found
+
+    def _of_columns(self, name: str, columns: Array, *others: Array) -> None:
+        lanes = columns.shape[1] * columns.shape[2]
+        given = self._filtered.view(np.float64), np.ascontiguousarray(columns), *others
+        loops.call(name, self._count, lanes, *given, np.empty((2, lanes)))
 
     def gradient(self) -> Array:
         """``∂ log L / ∂ψ``, (p,)."""

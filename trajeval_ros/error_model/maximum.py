@@ -27,6 +27,8 @@ from typing import Protocol, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
+
 Array = npt.NDArray[np.float64]
 
 # Of χ² with three degrees of freedom, one in a thousand lies beyond.
@@ -181,12 +183,18 @@ def _newton_step(
 
     Parameters that it would take out of bounds end there, and the others step as fits that.
     """
+    if loops.there():
+        step, promised = np.empty(len(here)), np.empty(1)
+        given = map(np.ascontiguousarray, (here, slope, curvature, low, high))
+        if loops.call("newton_step", len(here), *given, _LITTLE, _LONGEST, step, promised):
+            raise np.linalg.LinAlgError("no curvature")
+        return step, float(promised[0])
     # Near nothing a standard deviation has little information in its logarithm, whose slope may
     # promise much all the same.
     own = np.diag(curvature)
     promising = slope * slope > 2.0 * _LITTLE * np.maximum(own, 1e-300)
     curvature = curvature + np.diag(np.where(promising, 0.0, _LITTLE))
-    step: Array = np.zeros(len(here))
+    step = np.zeros(len(here))
     free = ((here > low) | (slope > 0.0)) & ((here < high) | (slope < 0.0))
     low, high = np.maximum(low, here - _LONGEST), np.minimum(high, here + _LONGEST)
     if free.all():
@@ -199,7 +207,7 @@ def _newton_step(
         rest = slope[free] - curvature[free][:, ~free] @ step[~free]
         step[free] = np.linalg.solve(curvature[free][:, free], rest)
         within = np.clip(here + step, low, high) - here
-        out = free & (within != step)
+        out = free & ((here + step < low) | (here + step > high))
         if not out.any():
             break
         # The first that is met on the way.
@@ -231,6 +239,10 @@ def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float
     measured, measured_rest, moved, moved_rest = here.disturbances()
     own, own_move = here.own_noise()
     weights = here.weights
+    if loops.there() and measured.ndim == 1:
+        return _reweighted_in_c(
+            apart, (measured, measured_rest), (moved, moved_rest), own, own_move, weights
+        )
     poses, pose_gain = likeliest(measured, measured_rest, own, weights[0])
     moves, move_gain = likeliest(moved, moved_rest, own_move, weights[1])
     if not (pose_gain.any() or move_gain.any()):
@@ -247,6 +259,39 @@ def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float
         found.append(np.where(taken, new, old))
         total += float(each[taken].sum())
     return (found[0], found[1]), total
+
+
+def _reweighted_in_c(
+    apart: int,
+    poses: tuple[Array, Array],
+    steps: tuple[Array, Array],
+    own: Array,
+    own_move: Array,
+    weights: tuple[Array, Array],
+) -> tuple[tuple[Array, Array], float]:
+    """As `_reweighted`, of one group."""
+    count = len(poses[0])
+    reach = min(2 * apart, 2 * count - 1)
+    new, work, promised = np.empty(2 * count - 1), np.empty(4 * count - 2 + 2 * reach), np.empty(1)
+    now = [np.ascontiguousarray(each) for each in weights]
+    loops.call(
+        "reweigh",
+        count,
+        reach,
+        np.stack(poses),
+        float(own[0]),
+        now[0],
+        np.stack(steps),
+        np.ascontiguousarray(own_move),
+        now[1],
+        _KAPPA,
+        _RARE,
+        _LITTLE_CHANGE,
+        new,
+        work,
+        promised,
+    )
+    return (new[:count], new[count:]), float(promised[0])
 
 
 def _largest_within(values: Array, reach: int) -> Array:

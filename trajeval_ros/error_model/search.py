@@ -108,6 +108,14 @@ def chains(here: Likelihood) -> list[Axes]:
     return _Search(here.kind, data, here.gauge, 0.0).at(guess, here.theta)
 
 
+def _weights(of: Data | Guess, group: int) -> dict[str, Array]:
+    """Those of a group's series."""
+    return {
+        "measured": np.ascontiguousarray(of.measured[:, group]),
+        "moved": np.ascontiguousarray(of.moved[:, group]),
+    }
+
+
 def stretches(count: int) -> npt.NDArray[np.intp]:
     """The numbers of the poses in stretches of so many, evenly over all of them."""
     begins = np.linspace(0, count - _STRETCH, MANY // _STRETCH).astype(np.intp)
@@ -147,15 +155,13 @@ class _Search:
         if kind is Kind.WANDER:
             columns.insert(1, gauge)
             self._precision = np.concatenate([data.precision, np.zeros(6)])
-        # (2, c + 1, 3, N), the errors last.
+        # (2, N, 3, c + 1), the errors last.
         both = np.concatenate(columns, axis=2).reshape(len(data.times), 2, 3, -1)
-        self._both = np.ascontiguousarray(both.transpose(1, 3, 2, 0))
+        self._both = np.ascontiguousarray(both.swapaxes(0, 1))
         variance = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
         intervals = np.diff(data.times)
         self._series = [
-            Series(
-                intervals, self._both[g, -1], variance[:, g], data.measured[:, g], data.moved[:, g]
-            )
+            Series(intervals, self._both[g, ..., -1].T, variance[:, g], **_weights(data, g))
             for g in range(2)
         ]
 
@@ -168,8 +174,7 @@ class _Search:
             theta[: len(begin.theta)] = begin.theta
             if len(begin.measured) == len(self._data.times):
                 self._series = [
-                    replace(each, measured=begin.measured[:, g], moved=begin.moved[:, g])
-                    for g, each in enumerate(self._series)
+                    replace(each, **_weights(begin, g)) for g, each in enumerate(self._series)
                 ]
             if begin.kind is self._kind:
                 places = [
@@ -200,9 +205,7 @@ class _Search:
         """The chains at a guess; theta: of all nuisances, (c,)."""
 
         def chain(g: int, series: Series) -> Axes:
-            measured, moved = guess.measured[:, g], guess.moved[:, g]
-            series = replace(series, measured=measured, moved=moved)
-            return Axes(self._kind, guess.parameters[g], series)
+            return Axes(self._kind, guess.parameters[g], replace(series, **_weights(guess, g)))
 
         return self._rotation_first(theta, chain)
 
@@ -216,12 +219,13 @@ class _Search:
 
     def _rotation_first(self, theta: Array, chain: Callable[[int, Series], Axes]) -> list[Axes]:
         """The ``chain`` of each group's errors, given the nuisances; headings turn translations."""
-        residual = self._both[:, -1] - np.tensordot(theta, self._both[:, :-1], (0, 1))
+        residual = self._both[..., -1] - self._both[..., :-1] @ theta
         found: list[Axes] = []
         for g in (1, 0):
             errors = residual[g]
             if g == 0 and self._kind is not Kind.WANDER:
-                errors = errors + self._turned(found[0].states[None, :, 0])[0]
+                errors = errors + self._turned(found[0].states[:, 0].T[..., None])[..., 0]
+            errors = np.ascontiguousarray(errors.T)
             found.insert(0, chain(g, replace(self._series[g], errors=errors)))
         return found
 
@@ -282,7 +286,7 @@ class _Search:
             Axes(
                 self._kind,
                 begin.parameters[g],
-                replace(series, measured=begin.measured[:, g], moved=begin.moved[:, g]),
+                replace(series, **_weights(begin, g)),
             )
             for g, series in enumerate(self._series)
         ]
@@ -291,31 +295,21 @@ class _Search:
 
     def _normals(self, places: list[Axes]) -> list[Array]:
         """The normal equations (c + 1, c + 1) of each group, the errors last."""
-        flat = self._both.shape[1]
         normals: list[Array] = []
         heading = None
         for g in (1, 0):
-            both = self._both[g]
-            if heading is not None:
-                both = both + heading
-            smoothed = places[g].smoothed(both.reshape(flat * 3, -1)).reshape(both.shape)
-            weighted = (both * places[g].weight).reshape(flat, -1)
-            normal = weighted @ (both - smoothed).reshape(flat, -1).T
-            error = _ROUND_OFF
-            if self._kind is not Kind.WANDER:
-                # All of what is constant is the process's.
-                error += np.abs(places[g].smoothed(np.ones((1, both.shape[-1]))) - 1.0).max()
-                heading = self._turned(smoothed)
-            squares = np.einsum("ci,ci->c", weighted, both.reshape(flat, -1))
-            normals.insert(0, normal + np.diag(error * squares))
+            both = self._both[g] if heading is None else self._both[g] + heading
+            normals.insert(0, places[g].products(both))
+            if g == 1 and self._kind is not Kind.WANDER:
+                heading = self._turned(places[g].smoothed(both))
         return normals
 
     def _turned(self, rotation: Array) -> Array:
-        """What rotations (m, 3, N) have moved positions by until each pose."""
+        """What rotations (N, 3, m) have moved positions by until each pose."""
         moved = np.zeros_like(rotation)
-        travel = self._data.travel.T
-        x, y, z = rotation[..., 0, :-1], rotation[..., 1, :-1], rotation[..., 2, :-1]
-        moved[:, 0, 1:] = travel[1] * z - travel[2] * y
-        moved[:, 1, 1:] = travel[2] * x - travel[0] * z
-        moved[:, 2, 1:] = travel[0] * y - travel[1] * x
-        return np.cumsum(moved, axis=-1)
+        travel = self._data.travel.T[..., None]
+        x, y, z = rotation[:-1].swapaxes(0, 1)
+        moved[1:, 0] = travel[1] * z - travel[2] * y
+        moved[1:, 1] = travel[2] * x - travel[0] * z
+        moved[1:, 2] = travel[0] * y - travel[1] * x
+        return np.cumsum(moved, axis=0)

@@ -419,38 +419,52 @@ int chain_information(int64_t kind, int64_t count, const double *parameters,
     return 0;
 }
 
-/* What the process is, as each pose's neighbours tell it, of other errors values (N, lanes): the
- * position with its share of the noise taken off, into smoothed (N, lanes). work: (4, lanes). */
-int chain_smooth_others(int64_t count, int64_t lanes, const Filtered *filtered,
-                        const double *values, double *smoothed, double *work)
+/* Other errors, values (N, lanes): their innovations by their standard deviations, whitened (N,
+ * lanes). work: (2, lanes). */
+LOOPS_WIDE
+int chain_whiten(int64_t count, int64_t lanes, const Filtered *filtered,
+                 const double *restrict values, double *restrict whitened, double *restrict work)
 {
-    double *const position = work, *const velocity = work + lanes;
-    memset(work, 0, 4 * lanes * sizeof *work);
+    double *restrict const position = work, *restrict const velocity = work + lanes;
+    memset(work, 0, 2 * lanes * sizeof *work);
     for (int64_t i = 0; i < count; i++) {
         const Filtered *at = filtered + i;
-        const double *z = values + i * lanes;
-        double *scaled = smoothed + i * lanes;
-        const double g0 = at->gain[0], g1 = at->gain[1], f = at->f, c = at->c, a = at->a;
         const int step = i + 1 < count;
+        const double g0 = at->gain[0], g1 = at->gain[1], root = sqrt(at->precision);
+        const double f = step ? at->f : 0.0, c = step ? at->c : 0.0, a = step ? at->a : 0.0;
+        const double *restrict z = values + i * lanes;
+        double *restrict to = whitened + i * lanes;
         for (int64_t x = 0; x < lanes; x++) {
             const double innovation = z[x] - position[x];
-            scaled[x] = at->precision * innovation;
-            const double p = position[x] + g0 * innovation, v = velocity[x] + g1 * innovation;
-            position[x] = step ? f * p + c * v : 0.0;
-            velocity[x] = step ? a * v : 0.0;
+            const double v = velocity[x] + g1 * innovation;
+            to[x] = root * innovation;
+            position[x] = f * (position[x] + g0 * innovation) + c * v;
+            velocity[x] = a * v;
         }
     }
-    double *const felt = work + 2 * lanes, *const later = work + 3 * lanes;
+    return 0;
+}
+
+/* What their process is, as each pose's neighbours tell it: values less their share of the noise,
+ * smoothed (N, lanes). work: (2, lanes). */
+LOOPS_WIDE
+int chain_smooth_others(int64_t count, int64_t lanes, const Filtered *filtered,
+                        const double *restrict values, const double *restrict whitened,
+                        double *restrict smoothed, double *restrict work)
+{
+    double *restrict const felt = work, *restrict const later = work + lanes;
+    memset(work, 0, 2 * lanes * sizeof *work);
     for (int64_t i = count - 1; i >= 0; i--) {
         const Filtered *at = filtered + i;
         const int step = i + 1 < count;
+        const double g0 = at->gain[0], g1 = at->gain[1], root = sqrt(at->precision);
         const double f = step ? at->f : 0.0, c = step ? at->c : 0.0, a = step ? at->a : 0.0;
-        const double *z = values + i * lanes;
-        double *x0 = smoothed + i * lanes;
+        const double *restrict z = values + i * lanes, *restrict white = whitened + i * lanes;
+        double *restrict to = smoothed + i * lanes;
         for (int64_t x = 0; x < lanes; x++) {
             const double back0 = f * felt[x], back1 = c * felt[x] + a * later[x];
-            const double score = x0[x] - at->gain[0] * back0 - at->gain[1] * back1;
-            x0[x] = z[x] - at->noise * score;
+            const double score = root * white[x] - g0 * back0 - g1 * back1;
+            to[x] = z[x] - at->noise * score;
             felt[x] = score + back0;
             later[x] = back1;
         }
