@@ -115,6 +115,25 @@ def test_a_message_that_is_cut_short_is_none(kind: PoseType) -> None:
     assert decode(kind, [*cut, good]).undecodable == len(cut)
 
 
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+@given(chosen=st.data())
+def test_many_at_a_time_as_one_by_one(kind: PoseType, chosen: st.DataObject) -> None:
+    """Wherever the bytes are damaged."""
+    made = data.message(kind.message, 7, (1, 2, 3), (0, 0, 0, 1), "map")
+    batch = [bytearray(serialize_message(made)) for _ in range(chosen.draw(st.integers(1, 5)))]
+    for message in batch:
+        for place in chosen.draw(st.lists(st.integers(0, 60), max_size=2)):
+            message[place] = chosen.draw(st.integers(0, 255))
+    raw = [bytes(message[: chosen.draw(st.sampled_from([-8, None]))]) for message in batch]
+    together, alone = decode(kind, raw), [decode(kind, [each]) for each in raw]
+    assert together.undecodable == sum(each.undecodable for each in alone)
+    for part in ("stamps", "positions", "quaternions"):
+        expected = np.concatenate([getattr(each.samples, part) for each in alone])
+        np.testing.assert_array_equal(getattr(together.samples, part), expected)
+    frames = [frame for each in alone for frame in each.frames]
+    assert list(together.frames) == [frame for frame, _ in groupby(frames)]
+
+
 def test_nothing() -> None:
     decoded = decode(KINDS[0], [])
     assert len(decoded.samples) == 0

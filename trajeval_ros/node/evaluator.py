@@ -39,11 +39,14 @@ from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.runs.session import Session
 from trajeval_ros.wall import shield
 
+# How long what has come may wait for its batch (s). What a batch costs grows slowly with its size:
+# beyond their share of the processor they become rarer and larger, by the mean cost of the last ten
+# or so. One that closes a segment costs several times as much as the others, and must not make the
+# next one wait. Where nobody hears of single poses nobody waits.
 _BATCH_PERIOD = 0.02
-# What a batch costs grows slowly with its size: beyond their share of the processor they become
-# rarer and larger, by the mean cost of the last ten or so. One that closes a segment costs several
-# times as much as the others, and must not make the next one wait.
-_LONGEST_BATCH_PERIOD = 0.05
+_LONGEST_BATCH_PERIOD = 0.04
+_UNHEARD_BATCH_PERIOD = 0.2
+_BATCH_SHARE = 0.05
 _SMOOTHING = 0.1
 # Of each estimate in a batch: poses that have waited for a lesson are caught up with in several.
 _MOST_POSES = 500
@@ -205,7 +208,9 @@ class Evaluator(Node):
             each.publish_due(begin)
         if self._is_behind:
             return 0.0
-        return min(max(self._batch_cost / SHARE, _BATCH_PERIOD), _LONGEST_BATCH_PERIOD)
+        if not any(each.outputs.is_heard for each in self._estimates):
+            return _UNHEARD_BATCH_PERIOD
+        return min(max(self._batch_cost / _BATCH_SHARE, _BATCH_PERIOD), _LONGEST_BATCH_PERIOD)
 
     def _on_discovery(self) -> None:
         for each in self._inputs:

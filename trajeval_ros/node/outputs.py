@@ -3,7 +3,7 @@
 """What is published for each evaluated estimate.
 
 rclpy does not check types: an int or a NumPy scalar in a field of float64 goes out as another
-number. So every field is given a Python float.
+number. So a field is given a Python float, where a message is not made of bytes (`encode`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,12 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
 from trajeval_ros import se3
+from trajeval_ros.node import encode
 from trajeval_ros.online.results import Evaluations, Results
 from trajeval_ros.runs.statuses import NUMBERS
 
 Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
 
 _SECOND = 1_000_000_000
 # A reader that is slower than this loses the oldest messages; the node does not wait for it. Of
@@ -35,6 +37,10 @@ _SECOND = 1_000_000_000
 # for their ground truth, at once.
 _QUALITY = QoSProfile(depth=100)
 _OF_EACH_POSE = QoSProfile(depth=10_000)
+# Shared memory holds 512 messages for a process that listens, and what does not find room there is
+# sent again, but only 3 s later (Fast DDS): a burst is given time (s) to be taken.
+_BURST = 50
+_BREATH = 1e-3
 # Name of the body frame in the error vectors where no message gives one.
 _BODY = "body"
 
@@ -71,45 +77,38 @@ class Outputs:
         evaluations = results.evaluations
         if not len(evaluations):
             return
-        for value in _heard(self._relative, evaluations.relative_log_likelihood):
-            if value == value:  # not NaN
-                self._relative.publish(Float64(data=float(value)))
+        if self._relative.get_subscription_count():
+            values = evaluations.relative_log_likelihood
+            _publish(self._relative, encode.numbers(values[~np.isnan(values)]))
         if results.absolute_log_likelihood is not None:
             self._absolute.publish(Float64(data=float(results.absolute_log_likelihood)))
-        stamps = [time_message(stamp) for stamp in evaluations.stamps.tolist()]
         body_frame = body_frame or _BODY
-        self._publish_errors("relative", stamps, evaluations.relative_error, body_frame)
-        self._publish_errors("absolute", stamps, evaluations.absolute_error, body_frame)
-        self._publish_poses(stamps, evaluations, frame)
+        self._publish_errors("relative", evaluations.stamps, evaluations.relative_error, body_frame)
+        self._publish_errors("absolute", evaluations.stamps, evaluations.absolute_error, body_frame)
+        self._publish_poses(evaluations, frame)
 
-    def _publish_errors(
-        self, which: str, stamps: Sequence[Time], errors: Array, frame: str
-    ) -> None:
+    def _publish_errors(self, which: str, stamps: Stamps, errors: Array, frame: str) -> None:
         """Publish the (n, 6) errors' two halves; a pose without an error has none."""
         for part, values in (("translation", errors[:, :3]), ("rotation", errors[:, 3:])):
             publisher = self._errors[which, part]
-            for stamp, (x, y, z) in zip(stamps, _heard(publisher, values), strict=False):
-                if x == x:  # not NaN
-                    message = Vector3Stamped()
-                    message.header.stamp, message.header.frame_id = stamp, frame
-                    message.vector.x, message.vector.y, message.vector.z = x, y, z
-                    publisher.publish(message)
+            if publisher.get_subscription_count():
+                known = ~np.isnan(values[:, 0])
+                _publish(publisher, encode.stamped(stamps[known], frame, values[known]))
 
-    def _publish_poses(self, stamps: Sequence[Time], evaluations: Evaluations, frame: str) -> None:
+    def _publish_poses(self, evaluations: Evaluations, frame: str) -> None:
         if not self._pose.get_subscription_count():
             return
         poses = evaluations.ground_truth
-        positions, quaternions = se3.to_position_quaternion(poses)
         covariances = se3.covariance_to_fixed_axes(evaluations.covariance, poses)
-        rows = zip(stamps, positions.tolist(), quaternions.tolist(), covariances, strict=True)
-        for stamp, position, quaternion, covariance in rows:
-            message = PoseWithCovarianceStamped()
-            message.header.stamp, message.header.frame_id = stamp, frame
-            at, turned = message.pose.pose.position, message.pose.pose.orientation
-            at.x, at.y, at.z = position
-            turned.x, turned.y, turned.z, turned.w = quaternion
-            message.pose.covariance = covariance.ravel()
-            self._pose.publish(message)
+        values = [*se3.to_position_quaternion(poses), covariances.reshape(-1, 36)]
+        messages = encode.stamped(evaluations.stamps, frame, np.concatenate(values, axis=1))
+        _publish(self._pose, messages)
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether somebody listens to what there is of each pose."""
+        of_each = (self._relative, self._absolute, self._pose, *self._errors.values())
+        return any(publisher.get_subscription_count() for publisher in of_each)
 
     @property
     def numbers_wanted(self) -> bool:
@@ -174,6 +173,9 @@ def flush(publishers: Iterable[Publisher], seconds: float) -> None:
         publisher.wait_for_all_acked(Duration(seconds=remaining))
 
 
-def _heard(publisher: Publisher, values: Array) -> list:
-    """The values as Python floats, or nothing where nobody listens."""
-    return values.tolist() if publisher.get_subscription_count() else []
+def _publish(publisher: Publisher, messages: Sequence[bytes]) -> None:
+    for begin in range(0, len(messages), _BURST):
+        if begin:
+            time.sleep(_BREATH)
+        for message in messages[begin : begin + _BURST]:
+            publisher.publish(message)

@@ -51,7 +51,8 @@ def _run(others: Sequence[str], stop: Stop) -> int:
             if begin >= next_spin or node.follows_clock:
                 executor.spin_once(timeout_sec=0.0)
                 next_spin = begin + _SPIN_PERIOD
-            time.sleep(node.work())
+            idle = node.work()
+            time.sleep(max(0.0, min(idle, next_spin - time.monotonic())))
     except Exception:
         # A defect, and it is shown; what has been evaluated until then is written all the same.
         node.rescue()
