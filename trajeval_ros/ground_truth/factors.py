@@ -87,16 +87,14 @@ class Factor(ABC):
     def pivots(self) -> Array:
         """The diagonal of L; (G, rows), rows beyond the samples meaning nothing."""
 
-    def take(self, times: Array) -> int:
-        """Take the times of all samples so far; return the first row that is to be factored."""
-        total, first = len(times), self.count // _BLOCK * _BLOCK
-        more = rounded_up(total) - len(self.times)
+    def take(self, times: Array) -> None:
+        """Take the times of all samples so far."""
+        known, self.count = self.count, len(times)
+        more = rounded_up(self.count) - len(self.times)
         if more > 0:
             self.times = np.concatenate([self.times, np.zeros(more)])
             self._reserve(more)
-        self.times[first:total] = times[first:]
-        self.count = total
-        return first
+        self.times[known : self.count] = times[known:]
 
     @abstractmethod
     def _reserve(self, more: int) -> None:
@@ -104,8 +102,24 @@ class Factor(ABC):
 
     @classmethod
     @abstractmethod
-    def _add(cls, blocks: _Blocks) -> None:
-        """Write these blocks."""
+    def _add(
+        cls, factors: Sequence[Factor], samples: Sequence[Observed], known: Sequence[int]
+    ) -> None:
+        """Write the rows from those of each that are ``known`` on.
+
+        Raises LinAlgError where a covariance is not positive definite.
+        """
+
+    @classmethod
+    @abstractmethod
+    def products(
+        cls, asked: Sequence[tuple[Factor, Array, Counts]], kinds: int
+    ) -> tuple[Array, Array]:
+        """Return ``vᵀ [g z]`` (k, G, q, 1 + c) and ``vᵀ v`` (k, G, q) of all queries in turn.
+
+        ``asked``: factors with the same kernels and number of groups, and of each at what times
+        (q,), with the first so many samples, one at least. Of k that are asked for (`KernelSum`).
+        """
 
     @abstractmethod
     def whitened(self, times: Array, counts: Counts) -> Array:
@@ -128,24 +142,23 @@ class Observed:
     noise: Array
 
 
-def extend(factors: Sequence[Factor], samples: Sequence[Observed]) -> list[int]:
-    """Take all samples so far of each, those known already first; return the first new rows.
+def extend(factors: Sequence[Factor], samples: Sequence[Observed]) -> None:
+    """Take all samples so far of each, those known already first.
 
     Of factors of one kind with the same kernel and number of groups, side by side: what it costs is
     the number of calls. Raises LinAlgError where the covariance of one is not positive definite;
     none has taken any then.
     """
     known = [factor.count for factor in factors]
-    firsts = [factor.take(each.times) for factor, each in zip(factors, samples, strict=True)]
-    blocks = _Blocks.of(factors, samples, [first // _BLOCK for first in firsts])
+    for factor, each in zip(factors, samples, strict=True):
+        factor.take(each.times)
     try:
-        type(factors[0])._add(blocks)
+        type(factors[0])._add(factors, samples, known)
     except np.linalg.LinAlgError:
         for factor, count in zip(factors, known, strict=True):
             factor.count = count
         message = "the covariance of the samples is not positive definite"
         raise np.linalg.LinAlgError(message) from None
-    return firsts
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +179,9 @@ class _Blocks:
     right: Array
 
     @staticmethod
-    def of(factors: Sequence[Factor], samples: Sequence[Observed], first: Sequence[int]) -> _Blocks:
-        """Those from the ``first`` of each factor on."""
+    def of(factors: Sequence[Factor], samples: Sequence[Observed], known: Sequence[int]) -> _Blocks:
+        """Those from that of the first row of each that is not ``known`` on."""
+        first = [count // _BLOCK for count in known]
         sizes = [-(-each.count // _BLOCK) - b for each, b in zip(factors, first, strict=True)]
         ranked = sorted(range(len(factors)), key=lambda i: -sizes[i])
         kernel, count = factors[0]._kernel, sum(sizes)
@@ -179,12 +193,12 @@ class _Blocks:
         numbers: list[int] = []
         row = 0
         for i in ranked:
-            known, size = _BLOCK * first[i], factors[i].count - _BLOCK * first[i]
+            begin, size = _BLOCK * first[i], factors[i].count - _BLOCK * first[i]
             here = slice(row, row + size)
-            times[here] = samples[i].times[known:]
-            diagonal[:, here] = kernel.variances[0] + samples[i].noise[known:].T
+            times[here] = samples[i].times[begin:]
+            diagonal[:, here] = kernel.variances[0] + samples[i].noise[begin:].T
             right[:, here, 0] = 1.0
-            right[:, here, 1:] = np.swapaxes(samples[i].values[known:], 0, 1)
+            right[:, here, 1:] = np.swapaxes(samples[i].values[begin:], 0, 1)
             further += range(sizes[i])
             numbers += range(first[i], first[i] + sizes[i])
             row += _BLOCK * sizes[i]
@@ -211,24 +225,6 @@ class _Blocks:
         """The factor and the number of each block."""
         factors = [factor for width in self.widths.tolist() for factor in self.factors[:width]]
         return [*zip(factors, self.numbers.tolist(), strict=True)]
-
-
-def products(asked: Sequence[tuple[Factor, Array, Counts]], kinds: int) -> tuple[Array, Array]:
-    """Return ``vᵀ [g z]`` (k, G, q, 1 + c) and ``vᵀ v`` (k, G, q) of all queries, in their order.
-
-    ``asked``: factors with the same kernels and number of groups, and of each at what times (q,),
-    with the first so many samples, one at least. Of k that are asked for (`KernelSum`).
-    """
-    markov = [(f, times, counts) for f, times, counts in asked if isinstance(f, MarkovFactor)]
-    if markov:
-        return _markov_products(markov, kinds)
-    each = [
-        factor.products(times, counts, kinds)
-        for factor, times, counts in asked
-        if isinstance(factor, DenseFactor)
-    ]
-    found, explained = zip(*each, strict=True)
-    return np.concatenate(found, axis=2), np.concatenate(explained, axis=2)
 
 
 class MarkovFactor(Factor):
@@ -265,8 +261,11 @@ class MarkovFactor(Factor):
         )
 
     @classmethod
-    def _add(cls, blocks: _Blocks) -> None:
-        """The first of each factor, the second, and so on."""
+    def _add(
+        cls, factors: Sequence[Factor], samples: Sequence[Observed], known: Sequence[int]
+    ) -> None:
+        """The first block of each factor, the second, and so on."""
+        blocks = _Blocks.of(factors, samples, known)
         places = [(f, b) for f, b in blocks.owners if isinstance(f, MarkovFactor)]
         firsts = places[: blocks.widths[0]]
         columns = firsts[0][0]._columns
@@ -279,9 +278,9 @@ class MarkovFactor(Factor):
             here = slice(begin, begin + width)
             begin += width
             seen = ahead[:, here] @ sums[:, :width]
-            known = seen[..., columns:] @ np.swapaxes(ahead[:, here], 2, 3)
-            onwards = np.concatenate([seen[..., :columns], known[..., _BLOCK:]], axis=3)
-            own = blocks.covariances[:, here] - known[:, :, :_BLOCK, :_BLOCK]
+            explained = seen[..., columns:] @ np.swapaxes(ahead[:, here], 2, 3)
+            onwards = np.concatenate([seen[..., :columns], explained[..., _BLOCK:]], axis=3)
+            own = blocks.covariances[:, here] - explained[:, :, :_BLOCK, :_BLOCK]
             lower = np.asarray(np.linalg.cholesky(own), dtype=np.float64)
             solved = _solved(lower, right[:, here] - onwards[:, :, :_BLOCK])
             sums = np.swapaxes(solved[..., columns:], 2, 3) @ solved + onwards[:, :, _BLOCK:]
@@ -319,6 +318,28 @@ class MarkovFactor(Factor):
         """The block that each query must begin with: those before it end before it; (q,)."""
         ends = self.times[_BLOCK - 1 : self.count : _BLOCK]
         return np.minimum(np.searchsorted(ends, times, side="right"), (counts - 1) // _BLOCK)
+
+    @classmethod
+    def products(
+        cls, asked: Sequence[tuple[Factor, Array, Counts]], kinds: int
+    ) -> tuple[Array, Array]:
+        """In panels of queries."""
+        ours = [(f, times, counts) for f, times, counts in asked if isinstance(f, MarkovFactor)]
+        first = [factor.first_blocks(times, counts) for factor, times, counts in ours]
+        panels = _Panels.of(ours, np.concatenate(first))
+        if not len(panels.block):
+            factor, _, _ = ours[0]
+            shape = (kinds, factor._groups, 0)
+            return np.empty((*shape, factor._columns)), np.empty(shape)
+        size = _PANELS // kinds
+        parts = [
+            _of_panels(panels[begin : begin + size], kinds)
+            for begin in range(0, len(panels.block), size)
+        ]
+        found, explained = (np.concatenate(each, axis=2) for each in zip(*parts, strict=True))
+        flat = (kinds, found.shape[1], -1)
+        found, explained = found.reshape(*flat, found.shape[4]), explained.reshape(flat)
+        return found[:, :, panels.slots], explained[:, :, panels.slots]
 
     def whitened(self, times: Array, counts: Counts) -> Array:
         """Before a query's own block by its ``future``, from there on as `products`."""
@@ -424,26 +445,6 @@ def _kernel(blocks: list[tuple[MarkovFactor, int]]) -> MarkovSum:
     return MarkovSum.beside(kernels)
 
 
-def _markov_products(
-    asked: Sequence[tuple[MarkovFactor, Array, Counts]], kinds: int
-) -> tuple[Array, Array]:
-    first = [factor.first_blocks(times, counts) for factor, times, counts in asked]
-    panels = _Panels.of(asked, np.concatenate(first))
-    if not len(panels.block):
-        factor, _, _ = asked[0]
-        shape = (kinds, factor._groups, 0)
-        return np.empty((*shape, factor._columns)), np.empty(shape)
-    size = _PANELS // kinds
-    parts = [
-        _of_panels(panels[begin : begin + size], kinds)
-        for begin in range(0, len(panels.block), size)
-    ]
-    found, explained = (np.concatenate(each, axis=2) for each in zip(*parts, strict=True))
-    flat = (kinds, found.shape[1], -1)
-    found, explained = found.reshape(*flat, found.shape[4]), explained.reshape(flat)
-    return found[:, :, panels.slots], explained[:, :, panels.slots]
-
-
 def _of_panels(panels: _Panels, kinds: int) -> tuple[Array, Array]:
     """The `products` of queries, (k, G, P, 8, 1 + c) and (k, G, P, 8)."""
     state, found, explained = _begun(panels, kinds)
@@ -538,8 +539,11 @@ class DenseFactor(Factor):
         self._white = np.concatenate([self._white, added], axis=1)
 
     @classmethod
-    def _add(cls, blocks: _Blocks) -> None:
+    def _add(
+        cls, factors: Sequence[Factor], samples: Sequence[Observed], known: Sequence[int]
+    ) -> None:
         """One after the other."""
+        blocks = _Blocks.of(factors, samples, known)
         for i, (factor, b) in enumerate(blocks.owners):
             assert isinstance(factor, DenseFactor)
             factor._add_block(b, blocks.covariances[:, i], blocks.right[:, i])
@@ -560,13 +564,25 @@ class DenseFactor(Factor):
         self._lower[:, here, here] = lower
         self._white[:, here] = _solved(lower, unseen)
 
-    def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
-        """What the function `products` returns of all, by all of v."""
-        each = [self._products(white) for white in self._whitened(times, counts, kinds)]
+    @classmethod
+    def products(
+        cls, asked: Sequence[tuple[Factor, Array, Counts]], kinds: int
+    ) -> tuple[Array, Array]:
+        """By all of v."""
+        each = [
+            factor._products(times, counts, kinds)
+            for factor, times, counts in asked
+            if isinstance(factor, DenseFactor)
+        ]
+        found, explained = zip(*each, strict=True)
+        return np.concatenate(found, axis=2), np.concatenate(explained, axis=2)
+
+    def _products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
+        each = [self._products_of(white) for white in self._whitened(times, counts, kinds)]
         found, explained = zip(*each, strict=True)
         return np.stack(found), np.stack(explained)
 
-    def _products(self, white: Array) -> tuple[Array, Array]:
+    def _products_of(self, white: Array) -> tuple[Array, Array]:
         white = np.swapaxes(white, 1, 2)
         columns = np.swapaxes(self._white[:, : white.shape[1]], 1, 2)
         panels = np.zeros((*white.shape[:2], _in_panels(white.shape[2])))

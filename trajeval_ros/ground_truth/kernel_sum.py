@@ -145,6 +145,21 @@ class MarkovSum(KernelSum):
             found.append(self._summed(each, self._variances * self._rates) * np.sign(apart))
         return np.stack(found) if kinds > 1 else found[0][None]
 
+    @property
+    def kernels(self) -> tuple[Matern, ...]:
+        """Those with the most powers first."""
+        return tuple(kernel for kernel in self._kernels if isinstance(kernel, Matern))
+
+    @property
+    def rates(self) -> Array:
+        """``r / l`` of the kernels, of a sum of one stretch; (G, m)."""
+        return np.asarray(self._rates[..., 0].T)
+
+    @property
+    def component_variances(self) -> Array:
+        """``σ²`` of the kernels, of a sum of one stretch; (G, m)."""
+        return np.asarray(self._variances[..., 0].T)
+
     def powers(self, apart: Array) -> Array:
         """All kernels' powers of times ``apart`` (S, n) seconds, not negative.
 

@@ -22,18 +22,19 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth import factors
 from trajeval_ros.ground_truth.factors import (
     DenseFactor,
     Factor,
     MarkovFactor,
     Observed,
-    products,
     rounded_up,
 )
 from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM, GroupHyperparameters
 from trajeval_ros.ground_truth.kernel_sum import KernelSum, MarkovSum
 from trajeval_ros.ground_truth.kernels import Kernel
+from trajeval_ros.ground_truth.recursion import RecursiveFactor
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
@@ -59,11 +60,7 @@ class Regression:
         """Start without samples."""
         self._kernel = KernelSum.of(kernels, groups)
         self._variance = self._kernel.variances[0, :, 0]
-        self._factor: Factor = (
-            MarkovFactor(self._kernel, len(groups), coordinates)
-            if isinstance(self._kernel, MarkovSum)
-            else DenseFactor(self._kernel, len(groups), coordinates)
-        )
+        self._factor = _factor(self._kernel, len(groups), coordinates)
         self._sums = np.empty((len(groups), 0, 2 + coordinates))  # A, gᵀ z, Σ zᵀ z, row by row
 
     @property
@@ -80,8 +77,9 @@ class Regression:
         """Condition on all samples so far; those known already must lead."""
         extend([self], [samples])
 
-    def _sum_up(self, first: int) -> None:
-        """Add up the sums from row ``first`` on."""
+    def _sum_up(self) -> None:
+        """Add up the sums of the new rows."""
+        first = self._sums.shape[1]
         white = self._factor.white[:, first : self.count]
         square = (white[..., 1:] ** 2).sum(axis=-1, keepdims=True)
         terms = np.concatenate([white[..., :1] * white, square], axis=-1)
@@ -90,7 +88,7 @@ class Regression:
         else:
             terms[:, 0, 0] += 1.0 / (_FLAT**2 * self._variance)
         further = np.cumsum(terms, axis=1)
-        self._sums = np.concatenate([self._sums[:, :first], further], axis=1)
+        self._sums = np.concatenate([self._sums, further], axis=1)
 
     def posterior(self, times: Array, counts: Counts) -> tuple[Array, Array]:
         """Return mean (q, G, c) and ``P / s²`` (q, G), given the first ``counts`` (q,) samples.
@@ -148,6 +146,14 @@ class Regression:
         return found
 
 
+def _factor(kernel: KernelSum, groups: int, coordinates: int) -> Factor:
+    """One without samples, of the kind that the kernel and the machine let be fastest."""
+    if not isinstance(kernel, MarkovSum):
+        return DenseFactor(kernel, groups, coordinates)
+    kind = RecursiveFactor if loops.there() else MarkovFactor
+    return kind(kernel, groups, coordinates)
+
+
 def extend(regressions: Sequence[Regression], samples: Sequence[Observed]) -> None:
     """Condition each on all of its samples so far, those known already first.
 
@@ -158,9 +164,9 @@ def extend(regressions: Sequence[Regression], samples: Sequence[Observed]) -> No
         if len(each.times) > regression.count:
             alike.setdefault(id(regression._kernel), []).append((regression, each))
     for some in alike.values():
-        firsts = factors.extend([r._factor for r, _ in some], [each for _, each in some])
-        for (regression, _), first in zip(some, firsts, strict=True):
-            regression._sum_up(first)
+        factors.extend([r._factor for r, _ in some], [each for _, each in some])
+        for regression, _ in some:
+            regression._sum_up()
 
 
 def _squares(sums: Array) -> Array:
@@ -177,7 +183,8 @@ def posteriors(
     first ``counts`` (q,) >= 1 samples. With ``kinds`` of 2 that of the motion's derivative, too: it
     is the same with ``∂k/∂t`` for k; the correlated noise, which has no derivative, is not motion.
     """
-    found, explained = products([(r._factor, times, counts) for r, times, counts in asked], kinds)
+    factors = [(r._factor, times, counts) for r, times, counts in asked]
+    found, explained = type(factors[0][0]).products(factors, kinds)
     sums = np.concatenate([r._sums[:, n - 1] for r, _, n in asked], axis=1)
     sizes = [len(times) for _, times, _ in asked]
     prior = np.stack([r._kernel.variances[:kinds, :, 0] for r, _, _ in asked], axis=2)

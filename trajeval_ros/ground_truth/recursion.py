@@ -1,0 +1,205 @@
+# Copyright 2026 The trajeval_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Cholesky factor ``K = L Lᵀ`` of Markov kernels, sample by sample, as loops in C.
+
+What `factors` does in blocks, in blocks of one. Let ``M = Wᵀ W`` and ``N = Wᵀ [g z]`` be of the
+samples so far, and of the next one: n its noise, x its coordinates, and Φ the transition to it.
+Then, with ``f = future(0)`` and ``p = past(0)``,
+
+    M <- Φᵀ M Φ,   N <- Φᵀ N,
+    l² = k(0) + n - fᵀ M f,   [g z] = ([1 x] - fᵀ N) / l,   w = (p - M f) / l,
+    M <- M + w wᵀ,   N <- N + w [g z]ᵀ.
+
+Of a query, ``v = wᵀ f`` of the samples up to it, with its own future f after each; from then on,
+with ``s = Wᵀ v - p`` and its past p before each,
+
+    s <- Φᵀ s,   v = -fᵀ s / l,   s <- s + w v.
+
+Of a kernel with σ and coefficients c the future is ``σ² q_j(a)`` here, ``a = r u / l``, and the
+past ``Σ_i i! c_i q_(i-j)(a)``, ``i >= j``, with ``q_j(a) = aʲ / j! exp(-a)``, of which there is no
+future but that of one power.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from trajeval_ros import loops
+from trajeval_ros.ground_truth.factors import Counts, Factor, Observed, rounded_up
+from trajeval_ros.ground_truth.kernel_sum import MarkovSum
+
+Array = npt.NDArray[np.float64]
+
+# N and M are kept after every so many samples, in rows of a multiple of so many numbers.
+_SPAN = 8
+_LANES = 4
+
+
+@lru_cache(maxsize=64)
+def _numbers(kernel: MarkovSum) -> tuple[loops.Argument, ...]:
+    """A sum of kernels as C takes it.
+
+    How many powers each kernel has, (m,); ``past(0)`` of all, (r,); m; rates, those of the kernels
+    that are motion, and variances, (G, 3, m).
+    """
+    kernels, rates = kernel.kernels, kernel.rates
+    coefficients = [each.coefficients for each in kernels]
+    past = [math.factorial(j) * c for each in coefficients for j, c in enumerate(each)]
+    moves = [each.curvature > 0.0 for each in kernels]
+    return (
+        np.array([len(each) for each in coefficients], dtype=np.int64),
+        np.array(past),
+        len(kernels),
+        np.ascontiguousarray(np.stack([rates, rates * moves, kernel.component_variances], axis=1)),
+    )
+
+
+class RecursiveFactor(Factor):
+    """With Markov kernels: its size and the time it takes grow with the samples."""
+
+    _kernel: MarkovSum
+
+    def __init__(self, kernel: MarkovSum, groups: int, coordinates: int) -> None:
+        """Start without samples."""
+        super().__init__(kernel, groups, coordinates)
+        rank = kernel.rank
+        lanes = -(-(self._columns + rank) // _LANES) * _LANES
+        self._rows = np.empty((groups, 0, 1 + self._columns + 2 * rank))  # l, [g z], w, powers
+        self._spans = np.empty((groups, 0, rank, lanes))  # [N M]
+        self._state = np.zeros((groups, rank, lanes))  # the same after the last sample
+
+    @property
+    def white(self) -> Array:
+        """Row after row."""
+        return self._rows[..., 1 : 1 + self._columns]
+
+    @property
+    def pivots(self) -> Array:
+        """Row after row."""
+        return self._rows[..., 0]
+
+    def _reserve(self, more: int) -> None:
+        self._rows, self._spans = (
+            np.concatenate([known, np.zeros((len(known), size, *known.shape[2:]))], axis=1)
+            for known, size in ((self._rows, more), (self._spans, more // _SPAN))
+        )
+
+    @classmethod
+    def _add(
+        cls, factors: Sequence[Factor], samples: Sequence[Observed], known: Sequence[int]
+    ) -> None:
+        states = [
+            factor._state_after(each, first)
+            for factor, each, first in zip(factors, samples, known, strict=True)
+            if isinstance(factor, RecursiveFactor)
+        ]
+        for factor, state in zip(factors, states, strict=True):
+            assert isinstance(factor, RecursiveFactor)
+            factor._state = state
+
+    def _state_after(self, samples: Observed, known: int) -> Array:
+        """Write the rows from ``known`` on; return the state after the last."""
+        state = self._state.copy()
+        wrong = loops.call(
+            "factor_add",
+            *self._process,
+            self.times,
+            np.ascontiguousarray(samples.values),
+            np.ascontiguousarray(samples.noise),
+            known,
+            self.count,
+            len(self.times),
+            self._rows,
+            self._spans,
+            state,
+            np.empty(state.shape[2]),
+        )
+        if wrong:
+            raise np.linalg.LinAlgError
+        return state
+
+    @property
+    def _work(self) -> Array:
+        return np.empty(3 * self._kernel.rank + self._state.shape[2])
+
+    @classmethod
+    def products(
+        cls, asked: Sequence[tuple[Factor, Array, Counts]], kinds: int
+    ) -> tuple[Array, Array]:
+        """One after the other."""
+        each = [
+            factor._products(times, counts, kinds)
+            for factor, times, counts in asked
+            if isinstance(factor, RecursiveFactor)
+        ]
+        found, explained = zip(*each, strict=True)
+        return np.concatenate(found, axis=2), np.concatenate(explained, axis=2)
+
+    def _products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
+        explained = np.empty((kinds, self._groups, len(times)))
+        found = np.empty((*explained.shape, self._columns))
+        if len(times):
+            loops.call(
+                "factor_products",
+                *self._known,
+                np.ascontiguousarray(times),
+                np.ascontiguousarray(counts),
+                len(times),
+                kinds,
+                found,
+                explained,
+                np.empty(counts.max()),
+                self._work,
+            )
+        return found, explained
+
+    @property
+    def _process(self) -> tuple[loops.Argument, ...]:
+        return *_numbers(self._kernel), self._groups, self._columns - 1
+
+    @property
+    def _known(self) -> tuple[loops.Argument, ...]:
+        return (
+            *self._process,
+            self.times,
+            self._rows,
+            self._spans,
+            len(self.times),
+        )
+
+    def whitened(self, times: Array, counts: Counts) -> Array:
+        """Query after query."""
+        size = rounded_up(int(counts.max(initial=0)))
+        white = np.empty((self._groups, len(times), size))
+        loops.call(
+            "factor_whitened",
+            *self._known,
+            np.ascontiguousarray(times),
+            np.ascontiguousarray(counts),
+            len(times),
+            white,
+            size,
+            self._work,
+        )
+        return white
+
+    def weights(self, right: Array, counts: Counts) -> Array:
+        """From the last row on."""
+        solution = right.copy()
+        loops.call(
+            "factor_weights",
+            *self._process,
+            self._rows,
+            len(self.times),
+            np.ascontiguousarray(counts),
+            right.shape[1],
+            solution,
+            right.shape[2],
+            self._work,
+        )
+        return solution
