@@ -139,14 +139,16 @@ class Fit(ABC):
 
 
 class _Markov:
-    """Records one after the other, as the loop takes them."""
+    """Records one after the other, as the loop takes them: ``order`` (m,), the longest first."""
 
     def __init__(self, kernels: Sequence[Matern], records: Sequence[Record]) -> None:
         """As a :class:`Likelihood`."""
+        self.order = np.argsort([-len(record.times) for record in records], kind="stable")
+        records = [records[i] for i in self.order]
         self.orders = np.array([len(kernel.coefficients) for kernel in kernels])
         self.rates = np.array([kernel.rate for kernel in kernels])
         self.begins = np.cumsum([0, *(len(record.times) for record in records)])
-        self.longest = int(np.diff(self.begins).max())
+        self.longest = len(records[0].times)
         self.times = np.concatenate([record.times for record in records])
         self.values = np.concatenate([record.values for record in records])
         self.variances = np.concatenate([record.variances for record in records])
@@ -181,6 +183,7 @@ class _MarkovFit(Fit):
         )
         found = np.empty((len(shape.counts), 2))
         if not loops.call("record_values", *self._arguments, data.work(False), found):
+            found[data.order] = found.copy()
             self._take(found[:, 0], found[:, 1])
 
     @cached_property

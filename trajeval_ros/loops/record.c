@@ -34,47 +34,59 @@
  *
  * Products u with dK/dtheta are sums over the samples before and those after, whose powers
  * t_m = sum phi_m(a) alpha go on as Phi' does; and u' K^-1 u of two is had from their v.
+ *
+ * Four records are gone through side by side, one a lane. One that has ended, or that is not there,
+ * has samples that tell nothing: 1 / S is zero.
  */
 #include "loops.h"
 
 #include <string.h>
 
-/* From 2 a = x on Q(a) is Q at infinity, and from a on Phi(a) is zero. */
-#define FAR_NOISE 100.0
-#define FAR 700.0
+enum { LANES = 4 };
+typedef double Lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+
+/* So far apart samples know nothing of each other: Q is Q at infinity to round-off. */
+#define FAR 50.0
+/* Terms of the series of the last moment: more than are left above round-off at FAR. */
+#define TERMS 256
 
 /* The kernels: b of each, rate / l, sigma^2; and what follows from these. Of b numbers a kernel
  * has there are rank, of b + 1 powers, of 2 b - 1 moments, of b^2 squares. */
 typedef struct {
-    int64_t kernels, rank, wide, powers, moments, squares;
+    int64_t kernels, rank, powers, moments, squares;
     const int64_t *orders;
     const double *rates, *variances;
-    double *intensity; /* (squares): Q_ij per moment m = 2 b - 2 - i - j */
+    double *intensity; /* (squares): Q_ij per moment 2 b - 2 - i - j */
     double *value;     /* (powers): of k in t_m */
     double *slope;     /* (powers): of dk/dlog l in t_m */
+    double *inverse;   /* 1 / m */
 } Sum;
 
-/* The samples of a record. */
+/* The samples of records side by side. */
 typedef struct {
-    int64_t count, coordinates;
-    const double *times, *values, *variances; /* (n), (n, c), (n) */
-    double noise;                             /* n^2 */
+    int64_t count, coordinates, begins[LANES], counts[LANES];
+    double noise;  /* n^2 */
+    Lanes *apart;  /* (n): s, from the sample before; 0 at the first */
+    Lanes *values; /* (n, 1 + c): 1 and x */
+    Lanes *noises; /* (n): R */
+    Lanes *there;  /* (n): 1, and 0 beyond the end */
 } Samples;
 
-/* What the filter leaves, a row a sample. */
+/* What the filter leaves. Of symmetric matrices (rank, rank) what is left of the diagonal and each
+ * kernel's own block. */
 typedef struct {
-    double *phi;         /* (n, powers): from the sample before */
-    double *moments;     /* (n, moments): int s^m exp(-2 s) ds / m! over that step */
-    double *predicted;   /* (n, rank, wide): P */
-    double *gains;       /* (n, wide): K */
-    double *spreads;     /* (n): S */
-    double *innovations; /* (n, 1 + c): v */
-    double *updated;     /* (rank, wide): P+ */
-    double *means;       /* (rank, columns): m */
-    int kept;            /* or one row for all, but of S and v */
+    int kept;           /* a row a sample; or one row of what is marked for all */
+    Lanes *phi;         /* (n, powers): from the sample before; marked */
+    Lanes *moments;     /* (n, moments): int s^m exp(-2 s) ds / m! over that step; marked */
+    Lanes *predicted;   /* (n, rank, rank): P; marked */
+    Lanes *gains;       /* (n, rank): K; marked */
+    Lanes *precisions;  /* (n): 1 / S */
+    Lanes *innovations; /* (n, 1 + c): v */
+    Lanes *updated;     /* (rank, rank): P+ */
+    Lanes *means;       /* (rank, 1 + c): m */
 } Filter;
 
-/* Allot so many of the doubles at *work. */
+/* Allot so many at *work. */
 LOOPS_PART double *allotted(double **work, int64_t count)
 {
     double *here = *work;
@@ -82,409 +94,515 @@ LOOPS_PART double *allotted(double **work, int64_t count)
     return here;
 }
 
-LOOPS_PART void add(double *restrict to, const double *restrict from, double factor, int64_t count)
+LOOPS_PART Lanes *allotted_lanes(double **work, int64_t count)
 {
-    for (int64_t j = 0; j < count; ++j) to[j] += factor * from[j];
+    return (Lanes *)allotted(work, LANES * count);
 }
 
-LOOPS_PART void scale(double *restrict to, double factor, int64_t count)
+LOOPS_PART void clear(Lanes *to, int64_t count) { memset(to, 0, (size_t)count * sizeof *to); }
+
+/* to += factor from. */
+LOOPS_PART void add(Lanes *to, const Lanes *from, const Lanes *factor, int64_t count)
 {
-    for (int64_t j = 0; j < count; ++j) to[j] *= factor;
+    const Lanes by = *factor;
+    for (int64_t j = 0; j < count; ++j) to[j] += by * from[j];
 }
 
-/* rows (b, columns) <- Phi rows, of one kernel. */
-LOOPS_PART void forward(int64_t order, const double *phi, double *rows, int64_t columns, int64_t stride)
+/* to <- Phi from, of one kernel: b numbers `next` apart, of each of count columns `beside` apart.
+ * Both may be the same. */
+LOOPS_PART void forward(int64_t order, const Lanes *restrict phi, const Lanes *from, Lanes *to,
+                        int64_t next, int64_t count, int64_t beside)
 {
-    for (int64_t i = 0; i < order; ++i) {
-        scale(rows + i * stride, phi[0], columns);
-        for (int64_t m = 1; i + m < order; ++m)
-            add(rows + i * stride, rows + (i + m) * stride, phi[m], columns);
+    for (int64_t j = 0; j < count; ++j)
+        for (int64_t i = 0; i < order; ++i) {
+            Lanes moved = phi[0] * from[j * beside + i * next];
+            for (int64_t m = 1; m < order; ++m)
+                if (i + m < order) moved += phi[m] * from[j * beside + (i + m) * next];
+            to[j * beside + i * next] = moved;
+        }
+}
+
+/* The same with Phi'. */
+LOOPS_PART void backward(int64_t order, const Lanes *restrict phi, const Lanes *from, Lanes *to,
+                         int64_t next, int64_t count, int64_t beside)
+{
+    for (int64_t j = 0; j < count; ++j)
+        for (int64_t i = order - 1; i >= 0; --i) {
+            Lanes moved = phi[0] * from[j * beside + i * next];
+            for (int64_t m = 1; m < order; ++m)
+                if (m <= i) moved += phi[m] * from[j * beside + (i - m) * next];
+            to[j * beside + i * next] = moved;
+        }
+}
+
+typedef void Turn(int64_t, const Lanes *, const Lanes *, Lanes *, int64_t, int64_t, int64_t);
+
+/* Either, with the usual orders as constants, so that what is in it is unrolled. */
+LOOPS_PART void turn(Turn *way, int64_t order, const Lanes *phi, const Lanes *from, Lanes *to,
+                     int64_t next, int64_t count, int64_t beside)
+{
+    switch (order) {
+    case 1: way(1, phi, from, to, next, count, beside); break;
+    case 2: way(2, phi, from, to, next, count, beside); break;
+    case 3: way(3, phi, from, to, next, count, beside); break;
+    case 4: way(4, phi, from, to, next, count, beside); break;
+    case 5: way(5, phi, from, to, next, count, beside); break;
+    default: way(order, phi, from, to, next, count, beside);
     }
 }
 
-/* rows (b, columns) <- Phi' rows, of one kernel. */
-LOOPS_PART void backward(int64_t order, const double *phi, double *rows, int64_t columns,
-                     int64_t stride)
-{
-    for (int64_t i = order - 1; i >= 0; --i) {
-        scale(rows + i * stride, phi[0], columns);
-        for (int64_t m = 1; m <= i; ++m)
-            add(rows + i * stride, rows + (i - m) * stride, phi[m], columns);
-    }
-}
-
-typedef void Turn(int64_t, const double *, double *, int64_t, int64_t);
-
-/* The same of all kernels: rows (rank, columns). */
-LOOPS_PART void turned(const Sum *sum, Turn *turn, const double *phi, double *rows,
-                          int64_t columns, int64_t stride)
+/* rows (rank, columns) <- Phi rows, or Phi' rows. */
+LOOPS_PART void turn_rows(Turn *way, const Sum *sum, const Lanes *phi, Lanes *rows,
+                          int64_t columns)
 {
     for (int64_t k = 0; k < sum->kernels; ++k) {
-        turn(sum->orders[k], phi, rows, columns, stride);
+        turn(way, sum->orders[k], phi, rows, rows, columns, columns, 1);
         phi += sum->orders[k] + 1;
-        rows += sum->orders[k] * stride;
+        rows += sum->orders[k] * columns;
     }
 }
 
-/* to <- Phi from Phi', or Phi' from Phi, of a symmetric (rank, wide); from is lost. */
-LOOPS_PART void turned_twice(const Sum *sum, Turn *turn, const double *phi, double *from,
-                                double *to)
+/* to <- Phi from Phi', or Phi' from Phi, symmetric. Both may be the same. */
+LOOPS_PART void turn_twice(Turn *way, const Sum *sum, const Lanes *phi, const Lanes *from,
+                           Lanes *to)
 {
-    const int64_t rank = sum->rank, wide = sum->wide;
-    turned(sum, turn, phi, from, rank, wide);
-    for (int64_t i = 0; i < rank; ++i)
-        for (int64_t j = 0; j < rank; ++j) to[i * wide + j] = from[j * wide + i];
-    turned(sum, turn, phi, to, rank, wide);
-}
-
-/* rows at the kernels' first states, summed; (columns). */
-LOOPS_PART void observed(const Sum *sum, const double *rows, int64_t columns, int64_t stride,
-                     double *found)
-{
-    memset(found, 0, (size_t)columns * sizeof *found);
-    for (int64_t k = 0; k < sum->kernels; ++k) {
-        add(found, rows, 1.0, columns);
-        rows += sum->orders[k] * stride;
+    const int64_t rank = sum->rank;
+    const Lanes *powers = phi;
+    for (int64_t k = 0, at = 0; k < sum->kernels; at += sum->orders[k++]) {
+        const int64_t order = sum->orders[k];
+        turn(way, order, powers, from + at * rank, to + at * rank, rank, at + order, 1);
+        powers += order + 1;
+    }
+    powers = phi;
+    for (int64_t k = 0, at = 0; k < sum->kernels; at += sum->orders[k++]) {
+        const int64_t order = sum->orders[k], own = at * rank + at;
+        turn(way, order, powers, to + own, to + own, 1, rank - at, rank);
+        powers += order + 1;
     }
 }
 
-/* What the kernels are, at *work. */
+/* found = H rows (rank, columns). */
+LOOPS_PART void observe(const Sum *sum, const Lanes *rows, int64_t columns, Lanes *found)
+{
+    for (int64_t j = 0; j < columns; ++j) found[j] = rows[j];
+    for (int64_t k = 1; k < sum->kernels; ++k) {
+        rows += sum->orders[k - 1] * columns;
+        for (int64_t j = 0; j < columns; ++j) found[j] += rows[j];
+    }
+}
+
+/* How many of 1 / m are asked for. */
+LOOPS_PART int64_t inverses(const Sum *sum) { return 2 * sum->rank + TERMS + 1; }
+
+/* What the kernels are, at *work; without it their sizes alone. */
 LOOPS_PART Sum prepared(const int64_t *orders, const double *rates, const double *variances,
-                    int64_t kernels, double **work)
+                        int64_t kernels, double **work)
 {
     Sum sum = {.kernels = kernels, .orders = orders, .rates = rates, .variances = variances};
     for (int64_t k = 0; k < kernels; ++k) {
         sum.rank += orders[k];
         sum.squares += orders[k] * orders[k];
     }
-    sum.wide = (sum.rank + 3) / 4 * 4;
     sum.powers = sum.rank + kernels;
     sum.moments = 2 * sum.rank - kernels;
     if (!work) return sum;
-    sum.intensity = allotted(work, sum.squares);
-    sum.value = allotted(work, sum.powers);
-    sum.slope = allotted(work, sum.powers);
-    double *intensity = sum.intensity, *value = sum.value, *slope = sum.slope;
+    double *intensity = sum.intensity = allotted(work, sum.squares);
+    double *value = sum.value = allotted(work, sum.powers);
+    double *slope = sum.slope = allotted(work, sum.powers);
+    sum.inverse = allotted(work, inverses(&sum));
+    sum.inverse[0] = 0.0;
+    for (int64_t m = 1; m < inverses(&sum); ++m) sum.inverse[m] = 1.0 / (double)m;
     for (int64_t k = 0; k < kernels; ++k) {
-        const int64_t last = orders[k] - 1;
-        /* (i + j)! / (i! j!), by Pascal's rule. */
+        const int64_t order = orders[k], last = order - 1;
+        /* (i + j)! / (i! j!), counted from the last, by Pascal's rule. */
         for (int64_t i = last; i >= 0; --i)
             for (int64_t j = last; j >= 0; --j)
-                intensity[i * orders[k] + j] =
-                    i == last || j == last
-                        ? 1.0
-                        : intensity[(i + 1) * orders[k] + j] + intensity[i * orders[k] + j + 1];
+                intensity[i * order + j] = i == last || j == last
+                                               ? 1.0
+                                               : intensity[(i + 1) * order + j] +
+                                                     intensity[i * order + j + 1];
         /* Q_00 at infinity is sigma^2. */
         const double q = variances[k] * ldexp(1.0, (int)(2 * last + 1)) / intensity[0];
-        scale(intensity, q, orders[k] * orders[k]);
+        for (int64_t j = 0; j < order * order; ++j) intensity[j] *= q;
         value[0] = variances[k];
         slope[0] = 0.0;
-        for (int64_t m = 1; m <= orders[k]; ++m) {
-            value[m] = m > last ? 0.0
-                                : value[m - 1] * (double)(2 * (last - m + 1)) /
-                                      (double)(2 * last - m + 1);
+        for (int64_t m = 1; m <= order; ++m) {
+            const double fewer = (double)(last - m + 1);
+            value[m] = m > last ? 0.0 : value[m - 1] * 2.0 * fewer / ((double)last + fewer);
             slope[m] = (double)m * (value[m - 1] - value[m]);
         }
-        intensity += orders[k] * orders[k];
-        value += orders[k] + 1;
-        slope += orders[k] + 1;
+        intensity += order * order;
+        value += order + 1;
+        slope += order + 1;
     }
     return sum;
 }
 
-/* phi (b + 1) and the moments (2 b - 1) of one kernel's step. */
-LOOPS_PART void stepped(int64_t order, double a, double *phi, double *moments)
+/* phi (b + 1) and the moments (2 b - 1) of one kernel's step a. */
+LOOPS_PART void step(const Sum *sum, int64_t order, Lanes a, Lanes *phi, Lanes *moments)
 {
     const int64_t last = 2 * order - 2;
-    const double decay = a < FAR ? exp(-a) : 0.0;
-    double power = decay;
+    const double *inverse = sum->inverse;
+    Lanes power;
+    double largest = 0.0;
+    for (int64_t l = 0; l < LANES; ++l) {
+        power[l] = exp(-a[l]);
+        largest = a[l] > largest ? a[l] : largest;
+    }
+    Lanes both = power * power;
     for (int64_t m = 0; m <= order; ++m) {
         phi[m] = power;
-        power = decay > 0.0 ? power * a / (double)(m + 1) : 0.0;
+        power *= a * inverse[m + 1];
     }
-    if (!(2.0 * a < FAR_NOISE)) {
-        for (int64_t m = 0; m <= last; ++m) moments[m] = ldexp(0.5, (int)-m);
-        return;
-    }
-    /* The last by its series, of positive terms, and each by the one after it. */
-    double term = 1.0, series = 1.0;
-    for (int64_t k = 1; term > 1e-17 * series; ++k) {
-        term *= 2.0 * a / (double)(last + 1 + k);
+    /* The last moment by its series, of positive terms, and each by the one after it. */
+    Lanes term = {1.0, 1.0, 1.0, 1.0}, series = term;
+    double most = 1.0;
+    for (int64_t k = 1; k <= TERMS && most > 1e-17; ++k) {
+        const double factor = 2.0 * inverse[last + 1 + k];
+        most *= largest * factor;
+        term *= a * factor;
         series += term;
     }
-    power = decay * decay;
     for (int64_t m = 0; m <= last; ++m) {
-        moments[m] = power; /* a^m exp(-2 a) / m! */
-        power *= a / (double)(m + 1);
+        moments[m] = both; /* a^m exp(-2 a) / m! */
+        both *= a * inverse[m + 1];
     }
-    double later = power * series;
+    Lanes later = both * series;
     for (int64_t m = last; m >= 0; --m) {
-        const double here = moments[m];
+        const Lanes here = moments[m];
         moments[m] = later;
         later = 2.0 * later + here;
     }
 }
 
-/* P (rank, wide) += Q. */
-LOOPS_PART void disturbed(const Sum *sum, const double *moments, double *predicted)
+/* The same of all kernels, to sample i; the first is from nowhere. */
+LOOPS_PART void step_all(const Sum *sum, const Samples *samples, int64_t i, Lanes *phi,
+                         Lanes *moments)
+{
+    for (int64_t k = 0; k < sum->kernels; ++k) {
+        const int64_t order = sum->orders[k], count = 2 * order - 1;
+        Lanes a = samples->apart[i] * sum->rates[k];
+        for (int64_t l = 0; l < LANES; ++l)
+            if (!(a[l] < FAR)) a[l] = FAR;
+        switch (order) {
+        case 1: step(sum, 1, a, phi, moments); break;
+        case 2: step(sum, 2, a, phi, moments); break;
+        case 3: step(sum, 3, a, phi, moments); break;
+        case 4: step(sum, 4, a, phi, moments); break;
+        default: step(sum, order, a, phi, moments);
+        }
+        if (!i) {
+            clear(phi, order + 1);
+            clear(moments, count);
+            for (int64_t m = 0; m < count; ++m) moments[m] += ldexp(0.5, (int)-m);
+        }
+        phi += order + 1;
+        moments += count;
+    }
+}
+
+/* P += Q. */
+LOOPS_PART void disturb(const Sum *sum, const Lanes *moments, Lanes *predicted)
 {
     const double *intensity = sum->intensity;
     for (int64_t k = 0; k < sum->kernels; ++k) {
         const int64_t order = sum->orders[k], last = 2 * order - 2;
         for (int64_t i = 0; i < order; ++i)
             for (int64_t j = 0; j < order; ++j)
-                predicted[i * sum->wide + j] += intensity[i * order + j] * moments[last - i - j];
-        predicted += order * sum->wide + order;
+                predicted[i * sum->rank + j] += intensity[i * order + j] * moments[last - i - j];
+        predicted += order * sum->rank + order;
         intensity += order * order;
         moments += 2 * order - 1;
     }
 }
 
-/* tr(Lambda Q) of each kernel, added to found (kernels). */
-LOOPS_PART void traced(const Sum *sum, const double *moments, const double *lambda, double *found)
+/* found (kernels) += tr(Lambda Q) of each kernel. */
+LOOPS_PART void trace(const Sum *sum, const Lanes *moments, const Lanes *lambda, Lanes *found)
 {
     const double *intensity = sum->intensity;
     for (int64_t k = 0; k < sum->kernels; ++k) {
         const int64_t order = sum->orders[k], last = 2 * order - 2;
+        Lanes total = found[k];
         for (int64_t i = 0; i < order; ++i)
             for (int64_t j = 0; j < order; ++j)
-                found[k] += lambda[i * sum->wide + j] * intensity[i * order + j] *
-                            moments[last - i - j];
-        lambda += order * sum->wide + order;
+                total += lambda[i * sum->rank + j] *
+                         (intensity[i * order + j] * moments[last - i - j]);
+        found[k] = total;
+        lambda += order * sum->rank + order;
         intensity += order * order;
         moments += 2 * order - 1;
     }
 }
 
-/* v = y - H m and then m+ of what is in m (rank, columns); y is overwritten. */
-LOOPS_PART void innovated(const Sum *sum, const double *gain, double *means, int64_t columns,
-                      double *y, double *seen)
+/* An entry of a symmetric matrix. */
+LOOPS_PART const Lanes *entry(const Lanes *matrix, int64_t i, int64_t j, int64_t rank)
 {
-    observed(sum, means, columns, columns, seen);
-    add(y, seen, -1.0, columns);
-    for (int64_t i = 0; i < sum->rank; ++i) add(means + i * columns, y, gain[i], columns);
+    return matrix + (i >= j ? i * rank + j : j * rank + i);
 }
 
-/* Where the filter's rows are, of n samples, at *work. */
-LOOPS_PART Filter placed(const Sum *sum, int64_t count, int64_t coordinates, int kept, double **work)
+/* Records r, r + 1, ... side by side, at *work. */
+LOOPS_PART Samples taken(const int64_t *begins, int64_t records, int64_t r, const double *times,
+                         const double *values, const double *variances, int64_t coordinates,
+                         double noise, double **work)
 {
-    const int64_t rows = kept ? count : 1;
+    const int64_t columns = 1 + coordinates;
+    Samples samples = {.coordinates = coordinates, .noise = noise};
+    for (int64_t l = 0; l < LANES && r + l < records; ++l) {
+        samples.begins[l] = begins[r + l];
+        samples.counts[l] = begins[r + l + 1] - begins[r + l];
+        if (samples.counts[l] > samples.count) samples.count = samples.counts[l];
+    }
+    samples.apart = allotted_lanes(work, samples.count);
+    samples.values = allotted_lanes(work, samples.count * columns);
+    samples.noises = allotted_lanes(work, samples.count);
+    samples.there = allotted_lanes(work, samples.count);
+    for (int64_t i = 0; i < samples.count; ++i)
+        for (int64_t l = 0; l < LANES; ++l) {
+            const int there = i < samples.counts[l];
+            const int64_t at = samples.begins[l] + i;
+            samples.there[i][l] = there;
+            samples.apart[i][l] = there && i ? times[at] - times[at - 1] : 0.0;
+            samples.noises[i][l] = there ? noise + variances[at] : 1.0;
+            samples.values[i * columns][l] = 1.0;
+            for (int64_t j = 0; j < coordinates; ++j)
+                samples.values[i * columns + 1 + j][l] =
+                    there ? values[at * coordinates + j] : 0.0;
+        }
+    return samples;
+}
+
+/* Where the filter's rows are, at *work. */
+LOOPS_PART Filter placed(const Sum *sum, const Samples *samples, int kept, double **work)
+{
+    const int64_t rows = kept ? samples->count : 1, columns = 1 + samples->coordinates;
     Filter f = {.kept = kept};
-    f.phi = allotted(work, rows * sum->powers);
-    f.moments = allotted(work, rows * sum->moments);
-    f.predicted = allotted(work, rows * sum->rank * sum->wide);
-    f.gains = allotted(work, rows * sum->wide);
-    f.spreads = allotted(work, count);
-    f.innovations = allotted(work, count * (1 + coordinates));
-    f.updated = allotted(work, sum->rank * sum->wide);
-    f.means = allotted(work, (sum->rank + 1) * (1 + coordinates));
+    f.phi = allotted_lanes(work, rows * sum->powers);
+    f.moments = allotted_lanes(work, rows * sum->moments);
+    f.predicted = allotted_lanes(work, rows * sum->rank * sum->rank);
+    f.gains = allotted_lanes(work, rows * sum->rank);
+    f.precisions = allotted_lanes(work, samples->count);
+    f.innovations = allotted_lanes(work, samples->count * columns);
+    f.updated = allotted_lanes(work, sum->rank * sum->rank);
+    f.means = allotted_lanes(work, sum->rank * columns);
     return f;
 }
 
-/* Go through a record; return zero, or one where K is not positive definite. */
-LOOPS_PART int filtered(const Sum *sum, const Samples *samples, Filter *f)
+/* v = y - H m, and m+ of m (rank, columns). */
+LOOPS_PART void innovate(const Sum *sum, const Lanes *gain, Lanes *means, int64_t columns,
+                         const Lanes *y, Lanes *v)
 {
-    const int64_t rank = sum->rank, wide = sum->wide, columns = 1 + samples->coordinates;
-    const int64_t block = rank * wide;
-    memset(f->updated, 0, (size_t)block * sizeof(double));
-    memset(f->means, 0, (size_t)(rank * columns) * sizeof(double));
+    observe(sum, means, columns, v);
+    for (int64_t j = 0; j < columns; ++j) v[j] = y[j] - v[j];
+    for (int64_t i = 0; i < sum->rank; ++i) add(means + i * columns, v, gain + i, columns);
+}
+
+/* Go through the records; sums log S in log_det; return one where a K is not positive definite. */
+LOOPS_PART int filter(const Sum *sum, const Samples *samples, Filter *f, double *log_det)
+{
+    const int64_t rank = sum->rank, columns = 1 + samples->coordinates;
+    clear(f->updated, rank * rank);
+    clear(f->means, rank * columns);
+    for (int64_t l = 0; l < LANES; ++l) log_det[l] = 0.0;
     for (int64_t i = 0; i < samples->count; ++i) {
         const int64_t row = f->kept ? i : 0;
-        double *phi = f->phi + row * sum->powers, *moments = f->moments + row * sum->moments;
-        double *predicted = f->predicted + row * block, *gain = f->gains + row * wide;
-        const double apart = i ? samples->times[i] - samples->times[i - 1] : INFINITY;
-        double *power = phi, *moment = moments;
-        for (int64_t k = 0; k < sum->kernels; ++k) {
-            stepped(sum->orders[k], apart * sum->rates[k], power, moment);
-            power += sum->orders[k] + 1;
-            moment += 2 * sum->orders[k] - 1;
+        Lanes *phi = f->phi + row * sum->powers, *moments = f->moments + row * sum->moments;
+        Lanes *predicted = f->predicted + row * rank * rank, *gain = f->gains + row * rank;
+        step_all(sum, samples, i, phi, moments);
+        turn_twice(forward, sum, phi, f->updated, predicted);
+        disturb(sum, moments, predicted);
+        Lanes spread = samples->noises[i];
+        for (int64_t j = 0; j < rank; ++j) {
+            Lanes total = predicted[j * rank];
+            for (int64_t k = 1, at = 0; k < sum->kernels; ++k) {
+                at += sum->orders[k - 1];
+                total += *entry(predicted, j, at, rank);
+            }
+            gain[j] = total;
         }
-        turned_twice(sum, forward, phi, f->updated, predicted);
-        disturbed(sum, moments, predicted);
-        observed(sum, predicted, rank, wide, gain);
-        double spread = samples->noise + samples->variances[i];
         for (int64_t k = 0, at = 0; k < sum->kernels; at += sum->orders[k++]) spread += gain[at];
-        if (!(spread > 0.0 && spread < INFINITY)) return 1;
-        f->spreads[i] = spread;
-        memcpy(f->updated, predicted, (size_t)block * sizeof(double));
-        for (int64_t j = 0; j < rank; ++j)
-            add(f->updated + j * wide, gain, -gain[j] / spread, rank);
-        scale(gain, 1.0 / spread, rank);
-        double *v = f->innovations + i * columns;
-        v[0] = 1.0;
-        memcpy(v + 1, samples->values + i * (columns - 1),
-               (size_t)(columns - 1) * sizeof(double));
-        turned(sum, forward, phi, f->means, columns, columns);
-        innovated(sum, gain, f->means, columns, v, f->means + rank * columns);
+        for (int64_t l = 0; l < LANES; ++l) {
+            if (i >= samples->counts[l]) continue;
+            if (!(spread[l] > 0.0 && spread[l] < INFINITY)) return 1;
+            log_det[l] += log(spread[l]);
+        }
+        const Lanes precision = f->precisions[i] = samples->there[i] / spread;
+        for (int64_t k = 0, at = 0; k < sum->kernels; at += sum->orders[k++])
+            for (int64_t j = at; j < at + sum->orders[k]; ++j) {
+                const Lanes factor = precision * gain[j];
+                for (int64_t m = 0; m < at + sum->orders[k]; ++m)
+                    f->updated[j * rank + m] = predicted[j * rank + m] - factor * gain[m];
+            }
+        for (int64_t j = 0; j < rank; ++j) gain[j] *= precision;
+        turn_rows(forward, sum, phi, f->means, columns);
+        innovate(sum, gain, f->means, columns, samples->values + i * columns,
+                 f->innovations + i * columns);
     }
     return 0;
 }
 
-/* Take the mean from the innovations; return 1' K^-1 1, and x' Pi x in *squares. */
-LOOPS_PART double centred(const Samples *samples, Filter *f, double *squares)
+/* Take the means from the innovations: 1' K^-1 1, and x' Pi x. */
+LOOPS_PART void centre(const Samples *samples, Filter *f, Lanes *information, Lanes *squares)
 {
     const int64_t columns = 1 + samples->coordinates;
-    double information = 0.0;
+    clear(information, 1);
+    clear(squares, 1);
     for (int64_t i = 0; i < samples->count; ++i) {
-        const double one = f->innovations[i * columns];
-        information += one * one / f->spreads[i];
+        const Lanes one = f->innovations[i * columns];
+        *information += one * one * f->precisions[i];
     }
-    *squares = 0.0;
+    for (int64_t l = 0; l < LANES; ++l)
+        if (!samples->counts[l]) (*information)[l] = 1.0;
     for (int64_t j = 1; j < columns; ++j) {
-        double mean = 0.0;
+        Lanes mean = {0.0};
         for (int64_t i = 0; i < samples->count; ++i) {
-            const double *v = f->innovations + i * columns;
-            mean += v[0] * v[j] / f->spreads[i];
+            const Lanes *v = f->innovations + i * columns;
+            mean += v[0] * v[j] * f->precisions[i];
         }
-        mean /= information;
+        mean /= *information;
         for (int64_t i = 0; i < samples->count; ++i) {
-            double *v = f->innovations + i * columns;
+            Lanes *v = f->innovations + i * columns;
             v[j] -= mean * v[0];
-            *squares += v[j] * v[j] / f->spreads[i];
+            *squares += v[j] * v[j] * f->precisions[i];
         }
     }
-    return information;
 }
 
 /* Go back: alpha (n, 1 + c), which is K^-1 1 and Pi x, and tr(K^-1 dK/dtheta) (2 k + 1). */
-LOOPS_PART void smoothed(const Sum *sum, const Samples *samples, const Filter *f, double *alpha,
-                     double *traces, double *work)
+LOOPS_PART void smooth(const Sum *sum, const Samples *samples, const Filter *f, Lanes *alpha,
+                       Lanes *traces, double *work)
 {
-    const int64_t rank = sum->rank, wide = sum->wide, columns = 1 + samples->coordinates;
-    const int64_t block = rank * wide, kernels = sum->kernels;
-    double *l = allotted(&work, rank * columns);
-    double *lambda = allotted(&work, block), *other = allotted(&work, block);
-    double *turn = allotted(&work, wide), *lengths = allotted(&work, kernels * wide);
-    double *signals = allotted(&work, kernels), *ends = allotted(&work, kernels);
-    memset(l, 0, (size_t)(rank * columns) * sizeof(double));
-    memset(lambda, 0, (size_t)block * sizeof(double));
-    memset(lengths, 0, (size_t)(kernels * wide) * sizeof(double));
-    memset(signals, 0, (size_t)kernels * sizeof(double));
-    memset(ends, 0, (size_t)kernels * sizeof(double));
-    double noise = 0.0;
+    const int64_t rank = sum->rank, columns = 1 + samples->coordinates, kernels = sum->kernels;
+    Lanes *state = allotted_lanes(&work, rank * columns);
+    Lanes *lambda = allotted_lanes(&work, rank * rank), *turned = allotted_lanes(&work, rank);
+    Lanes *ends = allotted_lanes(&work, kernels), *signals = allotted_lanes(&work, kernels);
+    Lanes *lengths = allotted_lanes(&work, kernels);
+    clear(state, rank * columns);
+    clear(lambda, rank * rank);
+    clear(ends, kernels);
+    clear(signals, kernels);
+    clear(lengths, kernels);
+    Lanes noise = {0.0};
     for (int64_t i = samples->count - 1; i >= 0; --i) {
-        const double *gain = f->gains + i * wide, *v = f->innovations + i * columns;
-        const double precision = 1.0 / f->spreads[i];
-        double *here = alpha + i * columns;
-        for (int64_t j = 0; j < columns; ++j) here[j] = v[j] * precision;
-        for (int64_t j = 0; j < rank; ++j) add(here, l + j * columns, gain[j], columns);
-        /* turn: Lambda+ K */
-        memset(turn, 0, (size_t)wide * sizeof(double));
-        for (int64_t j = 0; j < rank; ++j) add(turn, lambda + j * wide, gain[j], rank);
-        double delta = precision;
-        for (int64_t j = 0; j < rank; ++j) delta += gain[j] * turn[j];
+        const Lanes *gain = f->gains + i * rank, *v = f->innovations + i * columns;
+        const Lanes *moments = f->moments + i * sum->moments;
+        Lanes *here = alpha + i * columns, delta = f->precisions[i];
+        for (int64_t j = 0; j < columns; ++j) here[j] = v[j] * delta;
+        for (int64_t j = 0; j < rank; ++j) add(here, state + j * columns, gain + j, columns);
+        for (int64_t j = 0; j < rank; ++j) {
+            Lanes total = {0.0};
+            for (int64_t m = 0; m < rank; ++m) total += gain[m] * *entry(lambda, j, m, rank);
+            turned[j] = total;
+        }
+        for (int64_t j = 0; j < rank; ++j) delta += gain[j] * turned[j];
         noise += delta;
         for (int64_t k = 0, at = 0; k < kernels; at += sum->orders[k++]) {
-            add(l + at * columns, here, -1.0, columns);
-            add(lambda + at * wide, turn, -1.0, rank);
+            for (int64_t j = 0; j < columns; ++j) state[at * columns + j] -= here[j];
+            for (int64_t j = 0; j < at + sum->orders[k]; ++j) lambda[at * rank + j] -= turned[j];
+            for (int64_t j = at; j < rank; ++j) lambda[j * rank + at] -= turned[j];
+            for (int64_t m = 0, to = 0; m <= k; to += sum->orders[m++])
+                lambda[at * rank + to] += delta;
         }
-        for (int64_t k = 0, at = 0; k < kernels; at += sum->orders[k++]) {
-            for (int64_t j = 0; j < rank; ++j) lambda[j * wide + at] -= turn[j];
-            for (int64_t m = 0, to = 0; m < kernels; to += sum->orders[m++])
-                lambda[to * wide + at] += delta;
-        }
-        const double *moments = f->moments + i * sum->moments;
-        traced(sum, moments, lambda, signals);
+        trace(sum, moments, lambda, signals);
         if (!i) break;
-        const double apart = samples->times[i] - samples->times[i - 1];
-        const double *predicted = f->predicted + i * block;
+        const Lanes *predicted = f->predicted + i * rank * rank;
         for (int64_t k = 0, at = 0; k < kernels; at += sum->orders[k++]) {
-            const double a = apart * sum->rates[k];
-            double *length = lengths + k * wide;
-            for (int64_t s = at; s < at + sum->orders[k]; ++s) {
-                const double *p = predicted + s * wide, *to = lambda + s * wide;
-                for (int64_t j = 0; j < rank; ++j) length[j] += 2.0 * a * p[j] * to[j];
-                if (s + 1 == at + sum->orders[k]) {
-                    ends[k] -= a * to[s];
-                    continue;
+            const int64_t last = at + sum->orders[k] - 1;
+            Lanes a = samples->apart[i] * sum->rates[k], total = {0.0};
+            for (int64_t l = 0; l < LANES; ++l)
+                if (!(a[l] < FAR)) a[l] = 0.0;
+            for (int64_t s = at; s <= last; ++s)
+                for (int64_t j = 0; j < rank; ++j) {
+                    Lanes p = *entry(predicted, s, j, rank);
+                    if (s < last) p -= *entry(predicted, s + 1, j, rank);
+                    total += p * *entry(lambda, s, j, rank);
                 }
-                for (int64_t j = 0; j < rank; ++j) length[j] -= 2.0 * a * p[wide + j] * to[j];
-            }
+            lengths[k] += 2.0 * a * total;
+            ends[k] -= a * lambda[last * rank + last];
         }
-        const double *phi = f->phi + i * sum->powers;
-        turned(sum, backward, phi, l, columns, columns);
-        turned_twice(sum, backward, phi, lambda, other);
-        double *swapped = lambda;
-        lambda = other;
-        other = swapped;
+        turn_rows(backward, sum, f->phi + i * sum->powers, state, columns);
+        turn_twice(backward, sum, f->phi + i * sum->powers, lambda, lambda);
     }
     const double *intensity = sum->intensity;
     for (int64_t k = 0; k < kernels; ++k) {
-        const int64_t order = sum->orders[k];
+        intensity += sum->orders[k] * sum->orders[k];
         traces[2 * k] = 2.0 * signals[k];
-        traces[2 * k + 1] = ends[k] * intensity[order * order - 1];
-        for (int64_t j = 0; j < rank; ++j) traces[2 * k + 1] += lengths[k * wide + j];
-        intensity += order * order;
+        traces[2 * k + 1] = lengths[k] + ends[k] * intensity[-1];
     }
     traces[2 * kernels] = 2.0 * samples->noise * noise;
 }
 
-/* The products u (n, c, p) of dK/dtheta with Pi x, of p parameters, and 1' K^-1 dK/dtheta K^-1 1
- * (p); of kernel k. */
-LOOPS_PART void multiplied(const Sum *sum, const Samples *samples, const double *phi, int64_t k,
-                       const double *alpha, double *u, double *means, double *t)
+/* The products u (n, c, p) of dK/dtheta with Pi x, and 1' K^-1 dK/dtheta K^-1 1, ones (p); those
+ * of kernel k. */
+LOOPS_PART void multiply(const Sum *sum, const Samples *samples, const Filter *f, int64_t k,
+                         const Lanes *alpha, Lanes *u, Lanes *ones, double *work)
 {
     const int64_t columns = 1 + samples->coordinates, size = 2 * sum->kernels + 1;
-    int64_t at = 0;
-    for (int64_t i = 0; i < k; ++i) at += sum->orders[i] + 1;
     const int64_t order = sum->orders[k];
+    int64_t at = 0;
+    for (int64_t m = 0; m < k; ++m) at += sum->orders[m] + 1;
     const double *value = sum->value + at, *slope = sum->slope + at;
+    Lanes *t = allotted_lanes(&work, (order + 1) * columns);
     for (int64_t i = 0; i < samples->count; ++i) {
-        const double *here = alpha + i * columns;
-        means[2 * k] += 2.0 * value[0] * here[0] * here[0];
+        const Lanes *here = alpha + i * columns;
+        ones[2 * k] += 2.0 * value[0] * here[0] * here[0];
         for (int64_t j = 1; j < columns; ++j) {
-            double *to = u + (i * (columns - 1) + j - 1) * size + 2 * k;
+            Lanes *to = u + (i * (columns - 1) + j - 1) * size + 2 * k;
             to[0] = 2.0 * value[0] * here[j];
-            to[1] = 0.0;
+            clear(to + 1, 1);
         }
     }
     for (int64_t way = 0; way < 2; ++way) { /* those before, those after */
-        memset(t, 0, (size_t)((order + 1) * columns) * sizeof(double));
-        for (int64_t step = 1; step < samples->count; ++step) {
-            const int64_t i = way ? samples->count - 1 - step : step;
-            const double *here = alpha + i * columns;
-            add(t, way ? here + columns : here - columns, 1.0, columns);
-            backward(order + 1, phi + (way ? i + 1 : i) * sum->powers + at, t, columns, columns);
+        clear(t, (order + 1) * columns);
+        for (int64_t done = 1; done < samples->count; ++done) {
+            const int64_t i = way ? samples->count - 1 - done : done;
+            const Lanes *here = alpha + i * columns, *last = way ? here + columns : here - columns;
+            for (int64_t j = 0; j < columns; ++j) t[j] += last[j];
+            turn(backward, order + 1, f->phi + (way ? i + 1 : i) * sum->powers + at, t, t, columns,
+                 columns, 1);
             for (int64_t j = 0; j < columns; ++j) {
-                double signal = 0.0, length = 0.0;
-                for (int64_t m = 0; m <= order; ++m) {
+                Lanes signal = value[0] * t[j], length = slope[0] * t[j];
+                for (int64_t m = 1; m <= order; ++m) {
                     signal += value[m] * t[m * columns + j];
                     length += slope[m] * t[m * columns + j];
                 }
+                Lanes *to = u + (i * (columns - 1) + j - 1) * size + 2 * k;
                 if (j) {
-                    double *to = u + (i * (columns - 1) + j - 1) * size + 2 * k;
                     to[0] += 2.0 * signal;
                     to[1] += length;
                 } else {
-                    means[2 * k] += 2.0 * signal * here[0];
-                    means[2 * k + 1] += length * here[0];
+                    ones[2 * k] += 2.0 * signal * here[0];
+                    ones[2 * k + 1] += length * here[0];
                 }
             }
         }
     }
 }
 
-/* How many doubles of work the longest record needs, of count samples. */
+/* How many doubles of work are needed where the longest record has count samples. */
 int64_t record_room(const int64_t *orders, int64_t kernels, int64_t coordinates, int64_t count,
                     int64_t slopes)
 {
     const Sum sum = prepared(orders, 0, 0, kernels, 0);
-    const int64_t columns = 1 + coordinates, size = 2 * kernels + 1, wide = sum.wide;
-    const int64_t rows = slopes ? count : 1, block = sum.rank * wide;
-    int64_t room = sum.squares + 2 * sum.powers;
-    room += rows * (sum.powers + sum.moments + block + wide) + count * (1 + columns);
-    room += block + (sum.rank + 1) * columns;
-    if (!slopes) return room;
-    room += count * columns + 2 * size + count * coordinates * size;
-    const int64_t back = sum.rank * columns + 2 * block + wide + kernels * (wide + 2);
-    const int64_t products = sum.powers * columns;
-    const int64_t forth = (sum.rank + 2) * coordinates * size + size * (size + 1);
-    return room + (back > products + forth ? back : products + forth);
+    const int64_t columns = 1 + coordinates, size = 2 * kernels + 1, rank = sum.rank;
+    const int64_t rows = slopes ? count : 1;
+    int64_t lanes = count * (3 + columns);
+    lanes += rows * (sum.powers + sum.moments + rank * rank + rank) + count * (1 + columns);
+    lanes += rank * rank + rank * columns;
+    if (slopes) {
+        lanes += count * columns + 2 * size + count * coordinates * size;
+        const int64_t back = rank * columns + rank * rank + rank + 3 * kernels;
+        const int64_t forth = (rank + 2) * coordinates * size + size * (size + 1);
+        const int64_t products = sum.powers * columns;
+        lanes += back > forth ? back : forth;
+        lanes += products;
+    }
+    return sum.squares + 2 * sum.powers + inverses(&sum) + LANES * lanes;
 }
 
 /* Each record's log|K| + log 1' K^-1 1 and x' Pi x, found (records, 2); return one where a K is
  * not positive definite. The samples of record r are those from begins[r] on, begins (records + 1);
- * times (n), values (n, c), variances (n), orders, rates, kernel_variances (kernels). */
+ * times (n), values (n, c), variances (n), orders, rates, kernel_variances (kernels). Records of
+ * one length go well side by side. */
 LOOPS_WIDE
 int record_values(const int64_t *begins, int64_t records, const double *times,
                   const double *values, const double *variances, int64_t coordinates,
@@ -492,16 +610,18 @@ int record_values(const int64_t *begins, int64_t records, const double *times,
                   int64_t kernels, double noise, double *work, double *found)
 {
     const Sum sum = prepared(orders, rates, kernel_variances, kernels, &work);
-    for (int64_t r = 0; r < records; ++r) {
-        const int64_t at = begins[r];
-        const Samples samples = {begins[r + 1] - at, coordinates,    times + at,
-                                 values + at * coordinates, variances + at, noise};
-        double *rest = work;
-        Filter f = placed(&sum, samples.count, coordinates, 0, &rest);
-        if (filtered(&sum, &samples, &f)) return 1;
-        double log_det = log(centred(&samples, &f, found + 2 * r + 1));
-        for (int64_t i = 0; i < samples.count; ++i) log_det += log(f.spreads[i]);
-        found[2 * r] = log_det;
+    for (int64_t r = 0; r < records; r += LANES) {
+        double *rest = work, log_det[LANES];
+        const Samples samples =
+            taken(begins, records, r, times, values, variances, coordinates, noise, &rest);
+        Filter f = placed(&sum, &samples, 0, &rest);
+        if (filter(&sum, &samples, &f, log_det)) return 1;
+        Lanes information, squares;
+        centre(&samples, &f, &information, &squares);
+        for (int64_t l = 0; l < LANES && r + l < records; ++l) {
+            found[2 * (r + l)] = log_det[l] + log(information[l]);
+            found[2 * (r + l) + 1] = squares[l];
+        }
     }
     return 0;
 }
@@ -519,62 +639,69 @@ int record_slopes(const int64_t *begins, int64_t records, const double *times,
     const int64_t size = 2 * kernels + 1, columns = coordinates * size;
     memset(gradient, 0, (size_t)size * sizeof(double));
     memset(information, 0, (size_t)(size * size) * sizeof(double));
-    for (int64_t r = 0; r < records; ++r) {
-        const int64_t at = begins[r], count = begins[r + 1] - at;
-        const Samples samples = {count,          coordinates, times + at, values + at * coordinates,
-                                 variances + at, noise};
-        double *rest = work, squares;
-        Filter f = placed(&sum, count, coordinates, 1, &rest);
-        if (filtered(&sum, &samples, &f)) return 1;
-        const double ones = centred(&samples, &f, &squares);
-        double *alpha = allotted(&rest, count * (1 + coordinates));
-        double *traces = allotted(&rest, size), *means = allotted(&rest, size);
-        double *u = allotted(&rest, count * columns);
-        smoothed(&sum, &samples, &f, alpha, traces, rest);
+    for (int64_t r = 0; r < records; r += LANES) {
+        double *rest = work, log_det[LANES];
+        const Samples samples =
+            taken(begins, records, r, times, values, variances, coordinates, noise, &rest);
+        Filter f = placed(&sum, &samples, 1, &rest);
+        if (filter(&sum, &samples, &f, log_det)) return 1;
+        Lanes mean_information, squares;
+        centre(&samples, &f, &mean_information, &squares);
+        Lanes *alpha = allotted_lanes(&rest, samples.count * (1 + coordinates));
+        Lanes *traces = allotted_lanes(&rest, size), *ones = allotted_lanes(&rest, size);
+        Lanes *u = allotted_lanes(&rest, samples.count * columns);
+        smooth(&sum, &samples, &f, alpha, traces, rest);
 
-        memset(means, 0, (size_t)size * sizeof(double));
+        clear(ones, size);
         for (int64_t k = 0; k < kernels; ++k)
-            multiplied(&sum, &samples, f.phi, k, alpha, u, means, rest);
-        for (int64_t i = 0; i < count; ++i) {
-            const double *here = alpha + i * (1 + coordinates);
-            means[size - 1] += 2.0 * noise * here[0] * here[0];
+            multiply(&sum, &samples, &f, k, alpha, u, ones, rest);
+        for (int64_t i = 0; i < samples.count; ++i) {
+            const Lanes *here = alpha + i * (1 + coordinates);
+            ones[size - 1] += 2.0 * noise * here[0] * here[0];
             for (int64_t j = 0; j < coordinates; ++j)
                 u[i * columns + (j + 1) * size - 1] = 2.0 * noise * here[1 + j];
         }
 
         /* x' Pi dK/dtheta Pi x; then the u go through the filter as x did. */
-        double *explained = allotted(&rest, size), *products = allotted(&rest, size * size);
-        double *projected = allotted(&rest, columns);
-        double *states = allotted(&rest, (sum.rank + 1) * columns);
-        memset(explained, 0, (size_t)size * sizeof(double));
-        memset(products, 0, (size_t)(size * size) * sizeof(double));
-        memset(projected, 0, (size_t)columns * sizeof(double));
-        memset(states, 0, (size_t)(sum.rank * columns) * sizeof(double));
-        for (int64_t i = 0; i < count; ++i) {
-            double *v = u + i * columns;
+        Lanes *explained = allotted_lanes(&rest, size);
+        Lanes *products = allotted_lanes(&rest, size * size);
+        Lanes *projected = allotted_lanes(&rest, columns), *v = allotted_lanes(&rest, columns);
+        Lanes *states = allotted_lanes(&rest, sum.rank * columns);
+        clear(explained, size);
+        clear(products, size * size);
+        clear(projected, columns);
+        clear(states, sum.rank * columns);
+        for (int64_t i = 0; i < samples.count; ++i) {
+            const Lanes *y = u + i * columns, precision = f.precisions[i];
             for (int64_t j = 0; j < coordinates; ++j)
-                add(explained, v + j * size, alpha[i * (1 + coordinates) + 1 + j], size);
-            turned(&sum, forward, f.phi + i * sum.powers, states, columns, columns);
-            innovated(&sum, f.gains + i * sum.wide, states, columns, v,
-                      states + sum.rank * columns);
-            const double precision = 1.0 / f.spreads[i];
-            add(projected, v, precision * f.innovations[i * (1 + coordinates)], columns);
-            for (int64_t j = 0; j < coordinates; ++j)
-                for (int64_t p = 0; p < size; ++p)
-                    add(products + p * size, v + j * size, precision * v[j * size + p], size);
+                add(explained, y + j * size, alpha + i * (1 + coordinates) + 1 + j, size);
+            turn_rows(forward, &sum, f.phi + i * sum.powers, states, columns);
+            innovate(&sum, f.gains + i * sum.rank, states, columns, y, v);
+            const Lanes one = precision * f.innovations[i * (1 + coordinates)];
+            add(projected, v, &one, columns);
+            for (int64_t p = 0; p < size; ++p)
+                for (int64_t j = 0; j < coordinates; ++j) {
+                    const Lanes factor = precision * v[j * size + p];
+                    add(products + p * size, v + j * size, &factor, p + 1);
+                }
         }
 
-        const double held = freedom + squares;
-        const double weight = (freedom + (double)(coordinates * (count - 1))) / held;
-        for (int64_t p = 0; p < size; ++p) {
-            gradient[p] += 0.5 * (weight * explained[p] -
-                                  (double)coordinates * (traces[p] - means[p] / ones));
-            double *row = information + p * size;
-            add(row, products + p * size, 0.5 * weight, size);
-            add(row, explained, -0.5 * weight * explained[p] / held, size);
-            for (int64_t j = 0; j < coordinates; ++j)
-                add(row, projected + j * size, -0.5 * weight * projected[j * size + p] / ones,
-                    size);
+        for (int64_t l = 0; l < LANES && r + l < records; ++l) {
+            const double held = freedom + squares[l], single = mean_information[l];
+            const double free = freedom + (double)(coordinates * (samples.counts[l] - 1));
+            const double weight = 0.5 * free / held;
+            for (int64_t p = 0; p < size; ++p) {
+                gradient[p] += weight * explained[p][l] -
+                               0.5 * (double)coordinates * (traces[p][l] - ones[p][l] / single);
+                for (int64_t q = 0; q <= p; ++q) {
+                    double found = products[p * size + q][l];
+                    found -= explained[p][l] * explained[q][l] / held;
+                    for (int64_t j = 0; j < coordinates; ++j)
+                        found -= projected[j * size + p][l] * projected[j * size + q][l] / single;
+                    information[p * size + q] += weight * found;
+                    if (q < p) information[q * size + p] += weight * found;
+                }
+            }
         }
     }
     return 0;
