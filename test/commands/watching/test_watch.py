@@ -145,6 +145,15 @@ def test_every_browser_shows_the_topics_figures(graph: Graph, tmp_path: Path) ->
     conventional = figures["conventional"]
     assert tiles["ATE"]["value"] == length(conventional["ate_translation_rmse"])
     assert tiles["ATE"]["remark"].startswith(angle(conventional["ate_rotation_rmse"]))
+    # What a burst has no room for comes, too.
+    nearly_all = 0.9 * count
+    graph.until(lambda: len(vectors) > nearly_all, "an error an estimate")
+
+    def whole_rows() -> list[Any]:
+        rows = whole(page.message)[2]["errors/estimate"]["rows"]
+        return [row for row in rows if None not in row]
+
+    graph.until(lambda: len(whole_rows()) > nearly_all, "a row an estimate")
     # Every browser has what a new one is told.
     message = page.message
     expected = whole(message)
@@ -161,8 +170,6 @@ def test_every_browser_shows_the_topics_figures(graph: Graph, tmp_path: Path) ->
     )
     errors = expected[2]["errors/estimate"]
     assert errors["columns"][1:3] == ["translation_error", "rotation_error"]
-    # Best effort: where the processors are busy most of a burst may be lost; none is another one.
-    assert len(errors["rows"]) > 10
     start = expected[1]["run"]["start"]
     sent = {
         round(each.header.stamp.sec + each.header.stamp.nanosec * 1e-9 - start, 3): math.hypot(
@@ -171,10 +178,8 @@ def test_every_browser_shows_the_topics_figures(graph: Graph, tmp_path: Path) ->
         for each in vectors
     }
     both = [(row[1], sent[row[0]]) for row in errors["rows"] if row[0] in sent and row[1]]
-    assert len(both) > 10
+    assert len(both) > nearly_all
     assert all(shown == pytest.approx(published, rel=1e-5) for shown, published in both)
-    whole_rows = [row for row in errors["rows"] if None not in row]
-    assert len(whole_rows) > 10
     graph.until(
         lambda: len(page.sections["path/estimate"]["seconds"]) >= len(errors["rows"]) - 1,
         "the whole path",

@@ -3,8 +3,8 @@
 """Hears a node for the page: subscribes, and nothing else.
 
 Messages are taken from the middleware's queues by turns, not delivered by an executor, which would
-cost ten times as much for each. What comes with every pose is asked for best effort: the node does
-not wait for us, nor send again what we missed.
+cost ten times as much for each. What comes with every pose is asked for reliably: what a burst has
+no room for is sent again. The node waits for nobody: of what it keeps for us the newest counts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from nav_msgs.msg import Path
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from trajeval_ros.commands.monitor import health_of, values_of
 from trajeval_ros.commands.participant import Participant
@@ -32,8 +32,8 @@ _SECOND = 1_000_000_000
 _DISCOVERY_PERIOD = 0.5
 # The health comes once a second, whatever the data do.
 _SILENCE = 4.0
-# What is not complete by then will not be.
-_PATIENCE = 1.0
+# What is not complete by then will not be: the middleware sends again within 3 s.
+_PATIENCE = 4.0
 # Of a topic in one turn; what is beyond it waits for the next one.
 _MOST = 5000
 
@@ -41,7 +41,7 @@ ENDING = "run"
 """The status in which a node says that it has ended."""
 
 _FEW = QoSProfile(depth=100)
-_MANY = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+_MANY = QoSProfile(depth=10_000)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
