@@ -153,13 +153,20 @@ class _Markov:
         self.values = np.concatenate([record.values for record in records])
         self.variances = np.concatenate([record.variances for record in records])
 
-    def work(self, slopes: bool) -> Array:
-        """Room for the loop to work in."""
-        kernels, coordinates = len(self.orders), self.values.shape[1]
-        room = loops.call(
-            "record_room", self.orders, kernels, coordinates, self.longest, int(slopes)
-        )
-        return np.empty(room)
+    @cached_property
+    def room_for_values(self) -> int:
+        """How many numbers the loop needs room for."""
+        return self._room(slopes=False)
+
+    @cached_property
+    def room_for_slopes(self) -> int:
+        """The same with the slopes."""
+        return self._room(slopes=True)
+
+    def _room(self, *, slopes: bool) -> int:
+        coordinates = self.values.shape[1]
+        sizes = len(self.orders), coordinates, self.longest, int(slopes)
+        return loops.call("record_room", self.orders, *sizes)
 
 
 class _MarkovFit(Fit):
@@ -181,8 +188,8 @@ class _MarkovFit(Fit):
             len(data.orders),
             float(natural[-1]) ** 2,
         )
-        found = np.empty((len(shape.counts), 2))
-        if not loops.call("record_values", *self._arguments, data.work(False), found):
+        work, found = np.empty(data.room_for_values), np.empty((len(shape.counts), 2))
+        if not loops.call("record_values", *self._arguments, work, found):
             found[data.order] = found.copy()
             self._take(found[:, 0], found[:, 1])
 
@@ -191,8 +198,7 @@ class _MarkovFit(Fit):
         """The gradient and the information."""
         size = 2 * len(self._data.orders) + 1
         gradient, information = np.empty(size), np.empty((size, size))
-        work = self._data.work(True)
-        nu = DEGREES_OF_FREEDOM
+        work, nu = np.empty(self._data.room_for_slopes), DEGREES_OF_FREEDOM
         loops.call("record_slopes", *self._arguments, nu, work, gradient, information)
         return gradient, information
 

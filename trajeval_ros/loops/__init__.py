@@ -75,12 +75,14 @@ def call(name: str, *arguments: Argument) -> int:
     return int(getattr(_library, name)(*map(_passed, arguments)))
 
 
-def _passed(argument: Argument) -> ctypes.c_void_p | ctypes.c_int64 | ctypes.c_double:
+def _passed(argument: Argument) -> object:
     """As C takes it."""
     if isinstance(argument, np.ndarray):
         if argument.dtype not in _KINDS or not argument.flags.c_contiguous:
             message = f"an array of {argument.dtype} with strides {argument.strides} is none for C"
             raise TypeError(message)
+        if argument.size and argument.flags.writeable:  # a third of what the other way costs
+            return ctypes.byref(ctypes.c_char.from_buffer(argument.data))
         return ctypes.c_void_p(argument.ctypes.data)
     if isinstance(argument, float):
         return ctypes.c_double(argument)
