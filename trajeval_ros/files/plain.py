@@ -19,7 +19,6 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import loops
 from trajeval_ros.files.trajectory import TrajectoryFileError
 
 Array = npt.NDArray[np.float64]
@@ -28,40 +27,71 @@ Mask = npt.NDArray[np.bool_]
 
 # Bytes.
 _BLOCK, _HEAD = 1 << 20, 1 << 16
-# More digits than so many are never held by 64 bits.
+# So many digits are always held by 64 bits; one more are told by their sign.
 _DIGITS = 18
 _NOT_PLAIN = re.compile(rb"[^\t\n\r -~]|\r(?!\n)")
 
 
-class Written(Sequence[str]):
-    """Numbers as they are written: ``digits * 10**-decimals``, where they are finite.
+def as_digits(words: Sequence[str]) -> tuple[Integers, Integers, Mask]:
+    """Words as ``digits * 10**-decimals``, and which are digits, maybe with a point; (N,) each.
 
-    As words they are read anew from the file, if ever they are asked for.
+    All at once those that are as long and have the point at the same place.
+    """
+    digits, decimals = np.zeros((2, len(words)), dtype=np.int64)
+    known = np.zeros(len(words), dtype=np.bool_)
+    width = _DIGITS + 3  # with one more, a point, and one to tell that there are more
+    letters = np.array(words, dtype=f"S{width}").view(np.uint8).reshape(-1, width)
+    sizes, is_point = np.count_nonzero(letters, axis=1), letters == ord(".")
+    points = np.where(is_point.any(axis=1), is_point.argmax(axis=1), sizes)
+    for kind in np.unique(width * sizes + points).tolist():
+        size, point = divmod(kind, width)
+        count = size - (point < size)
+        if not 0 < count <= _DIGITS + 1:
+            continue
+        alike = np.flatnonzero((sizes == size) & (points == point))
+        figures = letters[alike, :size].astype(np.int64) - ord("0")
+        figures = np.delete(figures, slice(point, point + 1), axis=1)
+        numbers = figures @ 10 ** np.arange(count - 1, -1, -1, dtype=np.int64)
+        digits[alike], decimals[alike] = numbers, count - point
+        # Too large a one for 64 bits is negative.
+        known[alike] = ((figures >= 0) & (figures <= 9)).all(axis=1) & (numbers >= 0)
+    return digits, decimals, known
+
+
+def scaled(digits: Integers, decimals: Integers, exponent: int) -> tuple[Integers, Mask]:
+    """``digits * 10**(exponent - decimals)``, half to even, where 64 bits hold it; and where.
+
+    All (N,). With the exponent 0 nothing is rounded: what is no whole number is none.
+    """
+    found, known = np.zeros_like(digits), np.zeros(len(digits), dtype=np.bool_)
+    for power in np.unique(exponent - decimals).tolist():
+        alike = decimals == exponent - power
+        some = digits[alike]
+        if 0 <= power <= _DIGITS:
+            found[alike] = some * 10**power
+            known[alike] = np.abs(some) <= (2**63 - 1) // 10**power
+        elif -_DIGITS <= power < 0:
+            whole, rest = np.divmod(some, 10**-power)
+            over = rest - 10**-power // 2
+            found[alike] = whole + ((over > 0) | ((over == 0) & (whole % 2 == 1)))
+            known[alike] = (rest == 0) | (exponent > 0)
+    return found, known
+
+
+class Written(Sequence[str]):
+    """The first column as it is written: ``digits * 10**-decimals``, where it is finite.
+
+    As words it is read anew from the file, if ever they are asked for.
     """
 
     def __init__(self, source: str, rows: Integers, digits: Integers, decimals: Integers) -> None:
-        """Of the first column of ``source``, in these ``rows``, from 1; all (N,)."""
+        """Of ``source``, in these ``rows``, from 1; all (N,)."""
         self._source, self._rows = source, rows
         self._digits, self._decimals = digits, decimals
 
     def scaled(self, exponent: int) -> tuple[Integers, Mask]:
-        """Times ten to the ``exponent``, half to even, as far as 64 bits hold it; and where, (N,).
-
-        With the exponent 0 nothing is rounded: what is no whole number is none.
-        """
-        scaled, known = np.zeros_like(self._digits), np.zeros(len(self._digits), dtype=np.bool_)
-        for power in np.unique(exponent - self._decimals).tolist():
-            alike = self._decimals == exponent - power
-            digits = self._digits[alike]
-            if 0 <= power <= _DIGITS:
-                scaled[alike] = digits * 10**power
-                known[alike] = np.abs(digits) <= (2**63 - 1) // 10**power
-            elif -_DIGITS <= power < 0:
-                whole, rest = np.divmod(digits, 10**-power)
-                over = rest - 10**-power // 2
-                scaled[alike] = whole + ((over > 0) | ((over == 0) & (whole % 2 == 1)))
-                known[alike] = (rest == 0) | (exponent > 0)
-        return scaled, known
+        """As the function `scaled`."""
+        return scaled(self._digits, self._decimals, exponent)
 
     @cached_property
     def _words(self) -> list[str]:
@@ -122,7 +152,6 @@ def head_of(source: str) -> list[str] | None:
 
 def read_plain(source: str, columns: int) -> Plain | None:
     """Read a table of so many columns; None where the file is not plain."""
-    read = _read_by_loops if loops.there() else _read_by_numpy
     try:
         # Counted first, so that at no time anything is there twice.
         most = sum(text.count(b"\n") for text in _texts(source))
@@ -130,13 +159,17 @@ def read_plain(source: str, columns: int) -> Plain | None:
         digits, decimals = np.empty((2, most), dtype=np.int64)
         line = count = 0
         for text in _texts(source):
-            left = (array[count:] for array in (rows, digits, decimals))
-            found = read(text, line, values[count:], *left)
-            if found < 0:
-                return None
-            line += text.count(b"\n")
-            count += found
-    except OSError:
+            lines = _lines(text)
+            filled = [row for row, each in enumerate(lines) if each]
+            read = _read([lines[row] for row in filled], columns) if filled else None
+            if read is not None:
+                here = slice(count, count + len(filled))
+                values[here], digits[here], decimals[here] = read
+                rows[here] = np.array(filled) + (line + 1)
+            line += len(lines)
+            count += len(filled)
+    except (OSError, ValueError, OverflowError):
+        # Not plain, or changed meanwhile.
         return None
     rows = rows[:count]
     return Plain(values[:count], rows, Written(source, rows, digits[:count], decimals[:count]))
@@ -154,44 +187,30 @@ def _texts(source: str) -> Iterator[bytes]:
         yield left
 
 
-def _read_by_loops(
-    text: bytes, before: int, values: Array, rows: Integers, digits: Integers, decimals: Integers
-) -> int:
-    """Read whole lines that stand behind so many ``before``; how many rows, or -1: not plain.
-
-    What is read is written to ``values`` (M, columns), ``rows``, ``digits`` and ``decimals`` (M,).
-    """
-    letters = np.frombuffer(text, dtype=np.uint8)
-    most, columns = values.shape
-    arrays = (values, rows, digits, decimals)
-    return loops.call("rows", letters, len(text), before, columns, most, *arrays)
-
-
-def _read_by_numpy(
-    text: bytes, before: int, values: Array, rows: Integers, digits: Integers, decimals: Integers
-) -> int:
-    """The same without a compiler."""
+def _lines(text: bytes) -> list[str]:
+    """Whole lines, without comments and the blanks at their ends. ValueError: not plain ones."""
     if _NOT_PLAIN.search(text) or not text.endswith(b"\n"):
-        return -1
-    lines = text.decode("ascii").replace(",", " ").split("\n")
-    lines = [line.partition("#")[0].strip() for line in lines]
-    filled = [row for row, line in enumerate(lines) if line]
-    count = len(filled)
-    if not filled or count > len(values):
-        return -bool(filled)
-    try:
-        found = np.loadtxt([lines[row] for row in filled], comments=None, ndmin=2)
-        if found.shape[1] != values.shape[1]:
-            return -1
-        values[:count] = found
-        rows[:count] = np.array(filled) + (before + 1)
-        for place, row in enumerate(filled):
-            sign, letters, exponent = decimal.Decimal(lines[row].split(None, 1)[0]).as_tuple()
-            if isinstance(exponent, int):
-                number = int("".join(map(str, letters)))
-                digits[place], decimals[place] = -number if sign else number, -exponent
-            else:
-                digits[place] = decimals[place] = 0
-    except (ValueError, OverflowError):
-        return -1
-    return count
+        raise ValueError("not plain")
+    lines = text[:-1].decode("ascii").replace(",", " ").split("\n")
+    return [line.partition("#")[0].strip() for line in lines]
+
+
+def _read(lines: list[str], columns: int) -> tuple[Array, Integers, Integers]:
+    """Numbers (N, columns), and of the first column digits and decimals (N,).
+
+    ValueError, OverflowError: not so many numbers; more digits than 64 bits hold.
+    """
+    values = np.loadtxt(lines, comments=None, ndmin=2)
+    if values.shape[1] != columns:
+        raise ValueError("other columns")
+    words = [line.split(None, 1)[0] for line in lines]
+    digits, decimals, known = as_digits(words)
+    for place in np.flatnonzero(~known).tolist():
+        sign, figures, exponent = decimal.Decimal(words[place]).as_tuple()
+        if isinstance(exponent, int):
+            number = int("".join(map(str, figures)))
+            digits[place], decimals[place] = -number if sign else number, -exponent
+        else:
+            # Not finite.
+            digits[place] = decimals[place] = 0
+    return values, digits, decimals

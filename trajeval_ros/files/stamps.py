@@ -3,12 +3,11 @@
 """The stamps of a table, exact to the nanosecond, in whatever unit they are."""
 
 import decimal
-from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.files.plain import Written
+from trajeval_ros.files.plain import Written, as_digits, scaled
 from trajeval_ros.files.text import Table, shown
 from trajeval_ros.files.trajectory import TrajectoryFileError
 
@@ -23,9 +22,6 @@ _UNITS = {9: "seconds", 6: "milliseconds", 3: "microseconds", 0: "nanoseconds"}
 
 # Enough digits for any stamp in a file, so that decimal arithmetic on it is exact.
 _CONTEXT = decimal.Context(prec=400)
-
-# More digits than so many are never held by 64 bits.
-_DIGITS = 19
 
 # s since 1970, from the year 2000 to 2100: no count since a start comes near.
 _EPOCH = (946_684_800.0, 4_102_444_800.0)
@@ -57,7 +53,12 @@ def read_stamps(table: Table, exponent: int) -> tuple[Integers, Mask, tuple[str,
     unit = _unit(table.values[finite, 0], exponent) if said is None else said
     remarks = () if unit == exponent else (f"stamps in {_UNITS[unit]}",)
     column = table.first
-    stamps, known = column.scaled(unit) if isinstance(column, Written) else _plain(column, unit)
+    if isinstance(column, Written):
+        stamps, known = column.scaled(unit)
+    else:
+        digits, decimals, plain = as_digits(column)
+        stamps, known = scaled(digits, decimals, unit)
+        known &= plain
     stamps[~finite] = 0
     for index in np.flatnonzero(finite & ~known).tolist():
         stamp = _decimal_nanoseconds(table, index, unit)
@@ -99,30 +100,6 @@ def _is_step(values: Array, seconds: float) -> bool:
         steps = np.abs(np.diff(values))
     steps = steps[steps > 0]
     return len(steps) == 0 or _SHORTEST_STEP <= float(np.median(steps)) * seconds <= _LONGEST_STEP
-
-
-def _plain(words: Sequence[str], exponent: int) -> tuple[Integers, Mask]:
-    """Nanoseconds of what is digits, a point, as many digits as there can be; (N,).
-
-    And which are written so, (N,): all at once, those that have the point at the same place.
-    """
-    stamps, known = np.zeros(len(words), dtype=np.int64), np.zeros(len(words), dtype=np.bool_)
-    width = _DIGITS + 2  # with a point, and one to tell that there are more
-    letters = np.array(words, dtype=f"S{width}").view(np.uint8).reshape(-1, width)
-    sizes, is_point = np.count_nonzero(letters, axis=1), letters == ord(".")
-    points = np.where(is_point.any(axis=1), is_point.argmax(axis=1), sizes)
-    for kind in np.unique(width * sizes + points).tolist():
-        size, point = divmod(kind, width)
-        decimals = max(size - point - 1, 0)
-        if not 0 < point <= _DIGITS - exponent or decimals > exponent:
-            continue
-        alike = np.flatnonzero((sizes == size) & (points == point))
-        digits = letters[alike, :size].astype(np.int64) - ord("0")
-        digits = np.delete(digits, slice(point, point + 1), axis=1)
-        powers = 10 ** np.arange(point + exponent - 1, exponent - decimals - 1, -1, dtype=np.int64)
-        stamps[alike] = digits @ powers  # where it is too large for 64 bits it is negative
-        known[alike] = ((digits >= 0) & (digits <= 9)).all(axis=1) & (stamps[alike] >= 0)
-    return stamps, known
 
 
 def _decimal_nanoseconds(table: Table, index: int, exponent: int) -> int:

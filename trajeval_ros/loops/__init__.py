@@ -27,7 +27,7 @@ import numpy as np
 VERSION = 1
 # In the environment 0 leaves all to NumPy, and a path is that of another library (`make sanitize`).
 SWITCH = "TRAJEVAL_ROS_LOOPS"
-_KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.bool_, np.uint8))
+_KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.bool_))
 
 Argument = np.ndarray | int | float
 
@@ -68,7 +68,7 @@ def left_out() -> Iterator[None]:
 def call(name: str, *arguments: Argument) -> int:
     """Call a function of the library with arrays, integers and floats, and return what it returns.
 
-    Arrays are of float64, int64, bool or uint8, in C's order, and those that it writes to are given
+    Arrays are of float64, int64 or bool, in C's order, and those that it writes to are given
     whole: what it is given is read and written in place.
     """
     assert _library is not None, "the loops were not built"
