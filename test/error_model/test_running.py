@@ -19,7 +19,7 @@ OFFSET = Nuisances(0.02, 0.0, np.eye(4), 1.0)
 
 def poses(stamps, found):
     truth = ask(stamps)
-    return Poses(Recorded(stamps, truth.poses, truth.covariances, truth.twists), found)
+    return Poses(Recorded(stamps, truth.poses, truth.covariances, truth.twists), found, stamps)
 
 
 def running(whole, pieces, window=10 * SECOND):

@@ -58,6 +58,7 @@ def make_rows(count: int, seed: int = 0) -> Evaluations:
         relative_log_likelihood=generator.normal(size=count),
         sampled=np.ones(count, dtype=bool),
         twist=np.zeros((count, 6)),
+        nearest=np.zeros(count, dtype=np.int64),
     )
 
 

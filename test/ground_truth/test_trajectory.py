@@ -205,6 +205,9 @@ def test_forgetting_changes_no_later_answer(times, shape, moments):
     np.testing.assert_allclose(after.poses, before.poses, rtol=0, atol=1e-12)
     np.testing.assert_allclose(after.covariances, before.covariances, rtol=1e-9, atol=1e-15)
     assert np.array_equal(after.sampled, before.sampled)
+    assert np.array_equal(after.nearest, before.nearest)
+    nearest = samples.stamps[np.abs(stamps[:, None] - samples.stamps).argmin(axis=1)]
+    assert np.array_equal(after.nearest, nearest)
 
 
 def test_forgetting_forgets():

@@ -21,7 +21,8 @@ def evaluations(first: int, count: int) -> Evaluations:
     errors = np.zeros((count, 6))
     sampled = np.ones(count, dtype=bool)
     four = (zeros, zeros, zeros, zeros)
-    return Evaluations(stamps, poses, covariance, poses, errors, errors, *four, sampled, errors)
+    last = (sampled, errors, stamps)
+    return Evaluations(stamps, poses, covariance, poses, errors, errors, *four, *last)
 
 
 @given(chunks=st.lists(st.integers(0, 60), max_size=30))

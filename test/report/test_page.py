@@ -306,6 +306,7 @@ def test_page_of_a_long_run_is_bounded() -> None:
                 -30 * np.cumsum(ones),
                 ones > 0,
                 np.zeros((count, 6)),
+                (seconds * 1e9).astype(np.int64),
             ),
             (),
             -30.0 * count,

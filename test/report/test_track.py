@@ -32,6 +32,7 @@ def make_poses(count: int) -> Evaluations:
         relative_log_likelihood=generator.normal(size=count).cumsum(),
         sampled=np.ones(count, dtype=bool),
         twist=np.zeros((count, 6)),
+        nearest=np.zeros(count, dtype=np.int64),
     )
 
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.independent import counted, independent
 from trajeval_ros.error_model.model import ErrorModel, Figure
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.observed import unobserved
@@ -26,10 +27,12 @@ from trajeval_ros.error_model.recorded import Recorded
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.intp]
 
 # A fit is of every k-th pose of a stretch, so that it is of no more than this.
 MOST = 1000
-# A block has so many poses and lasts so long (ns), at the least.
+# A block has so many poses, of a sample of the ground truth no more than two, and lasts so long
+# (ns), at the least.
 _BLOCK = 200
 _DURATION = 20_000_000_000
 # A stretch holds no more poses than this.
@@ -45,21 +48,29 @@ _JUMPS = 100
 class Poses:
     """Evaluated poses: those of the estimate (N, 4, 4), and the ground truth there.
 
-    Their stamps are on the ground truth's clock, as evaluated.
+    Their stamps are on the ground truth's clock, as evaluated. nearest: those of its samples
+    nearest to each, (N,) ns.
     """
 
     truth: Recorded
     estimate: Array
+    nearest: Stamps
 
     def __len__(self) -> int:
         """Number of poses."""
         return len(self.truth.stamps)
 
-    def __getitem__(self, index: slice) -> Poses:
+    def __getitem__(self, index: slice | Indices) -> Poses:
         """Some of them."""
         t = self.truth
         kept = (t.stamps[index], t.poses[index], t.covariances[index], t.twists[index])
-        return Poses(Recorded(*kept), self.estimate[index])
+        return Poses(Recorded(*kept), self.estimate[index], self.nearest[index])
+
+    @property
+    def independent(self) -> Poses:
+        """Those that count in a fit."""
+        chosen = independent(self.truth.stamps, self.nearest)
+        return self if len(chosen) == len(self) else self[chosen]
 
     @staticmethod
     def joined(parts: list[Poses]) -> Poses:
@@ -68,13 +79,17 @@ class Poses:
             np.concatenate([getattr(p.truth, name) for p in parts])
             for name in ("stamps", "poses", "covariances", "twists")
         )
-        return Poses(Recorded(*columns), np.concatenate([p.estimate for p in parts]))
+        return Poses(
+            Recorded(*columns),
+            np.concatenate([p.estimate for p in parts]),
+            np.concatenate([p.nearest for p in parts]),
+        )
 
 
 def fit_poses(poses: Poses) -> ErrorModel | None:
     """The error model of a stretch, by what was answered at its poses."""
-    every = -(-len(poses) // MOST)
-    kept = poses[::every]
+    kept = poses.independent
+    kept = kept[:: -(-len(kept) // MOST)]
     return fit(kept.truth.stamps, kept.estimate, poses.truth.at, kept.truth.at(kept.truth.stamps))
 
 
@@ -124,7 +139,8 @@ class RunningErrorModel:
         self._window: deque[Poses] = deque()
         self._in_window = 0
         self._open: list[Poses] = []
-        self._in_open = 0
+        self._in_open = self._counted = 0
+        self._sample: tuple[int, int] | None = None  # of the newest open pose, and its poses so far
         self._closed: deque[Poses] = deque()
         self._blocks: tuple[_Block, ...] = ()
         self._asked: tuple[int, int] | None = None  # the window that was handed out last
@@ -150,15 +166,21 @@ class RunningErrorModel:
         """Add to the open block; return what is for the next one."""
         begin = int((self._open[0] if self._open else poses).truth.stamps[0])
         numbers = self._in_open + np.arange(1, len(poses) + 1)
-        full = (numbers >= _BLOCK) & (poses.truth.stamps >= begin + _DURATION)
+        counts = self._counted + counted(poses.nearest, self._sample)
+        full = (counts >= _BLOCK) & (poses.truth.stamps >= begin + _DURATION)
         full |= numbers >= _LONGEST
         if not full.any():
             self._open.append(poses)
-            self._in_open += len(poses)
+            self._in_open, self._counted = int(numbers[-1]), int(counts[-1])
+            sample = int(poses.nearest[-1])
+            same = len(poses) - int(np.searchsorted(poses.nearest, sample))
+            if same == len(poses) and self._sample is not None and self._sample[0] == sample:
+                same += self._sample[1]
+            self._sample = sample, same
             return poses[:0]
         end = int(np.argmax(full)) + 1
         self._closed.append(Poses.joined([*self._open, poses[:end]]))
-        self._open, self._in_open = [], 0
+        self._open, self._in_open, self._counted, self._sample = [], 0, 0, None
         if len(self._closed) > _WAITING:
             self._closed.popleft()
             self.lost += 1

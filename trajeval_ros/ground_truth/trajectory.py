@@ -70,6 +70,7 @@ class Posterior:
     ``poses`` (q, 4, 4) T_world_body; ``covariances`` (q, 6, 6), body frame.
 
     ``sampled`` (q,): the samples around lie as close together as usual, so that there is no gap.
+    ``nearest`` (q,): the stamp of the sample nearest to each, of two the earlier, ns.
 
     ``cross``, if it is asked for: for each pose i, (p, 6, 6), the covariances ``E[ξ_j ξ_iᵀ]`` with
     the p poses j just before it, of earlier calls as well, oldest first; with all others it is
@@ -79,6 +80,7 @@ class Posterior:
     poses: Array
     covariances: Array
     sampled: Mask
+    nearest: Stamps
     cross: tuple[Array, ...] | None = None
     twists: Twists | None = None
 
@@ -88,7 +90,12 @@ class Posterior:
         if twists is not None:
             twists = Twists(twists.means[index], twists.covariances[index])
         return Posterior(
-            self.poses[index], self.covariances[index], self.sampled[index], None, twists
+            self.poses[index],
+            self.covariances[index],
+            self.sampled[index],
+            self.nearest[index],
+            None,
+            twists,
         )
 
 
@@ -319,7 +326,12 @@ class GroundTruth:
         for segment in resting:
             segment.rest()
         return Posterior(
-            poses, covariances, self._sampled(stamps), cross, mixed if twists else None
+            poses,
+            covariances,
+            self._sampled(stamps),
+            self._nearest(stamps),
+            cross,
+            mixed if twists else None,
         )
 
     def rest(self, before: int, samples: int) -> None:
@@ -363,6 +375,13 @@ class GroundTruth:
         last_interval = after[rare] - 1
         sampled[rare] = intervals[last_interval] <= 3.0 * _usual(intervals, last_interval)
         return np.asarray(sampled)
+
+    def _nearest(self, stamps: Stamps) -> Stamps:
+        """Of `Posterior`; ``stamps`` (q,) lie between two samples."""
+        after = np.minimum(np.searchsorted(self._stamps, stamps), len(self._stamps) - 1)
+        before = np.maximum(after - 1, 0)
+        next_one, last_one = self._stamps[after], self._stamps[before]
+        return np.asarray(np.where(next_one - stamps < stamps - last_one, next_one, last_one))
 
     def forget(self, before: int) -> None:
         """Drop what no query at ``before`` (ns) or later needs; nothing while a lesson is due."""

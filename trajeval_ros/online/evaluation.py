@@ -109,6 +109,7 @@ class Evaluation:
             before + np.cumsum(log_likelihood),
             sampled,
             np.full((len(stamps), 6), np.nan) if poses.twist is None else poses.twist,
+            stamps if poses.nearest is None else poses.nearest,
         )
 
     def drop_positions(self) -> None:

@@ -34,7 +34,8 @@ class Evaluations:
     ``relative_log_likelihood`` (M,) summed up to each pose, nats;
     ``sampled`` (M,) where the ground truth was sampled as usual, not in a gap: what the
     conventional figures, which know no uncertainty, are of; ``twist`` (M, 6) of the ground truth
-    there, m/s and rad/s, body frame.
+    there, m/s and rad/s, body frame; ``nearest`` (M,) ns, the stamp of the sample of the ground
+    truth nearest to each, on its own clock.
     """
 
     stamps: Stamps
@@ -49,6 +50,7 @@ class Evaluations:
     relative_log_likelihood: Array
     sampled: Mask
     twist: Array
+    nearest: Stamps
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -68,6 +70,7 @@ NO_EVALUATIONS = Evaluations(
     np.empty(0),
     np.empty(0, dtype=np.bool_),
     np.empty((0, 6)),
+    np.empty(0, dtype=np.int64),
 )
 
 

@@ -219,6 +219,7 @@ class Track:
             chosen.poses,
             answer.cross,
             answer.twists.means,
+            answer.nearest,
         )
         return self._results(*self._score(poses, self._settings.time_offset, answer.sampled))
 

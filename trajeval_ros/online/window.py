@@ -23,8 +23,8 @@ class EvaluatedPoses:
     """Poses that have been evaluated.
 
     ``stamps`` (M,) ns on the ground truth's clock; ``ground_truth`` (M, 4, 4) with ``covariance``
-    (M, 6, 6), body frame, right perturbation, and its body ``twist`` (M, 6); ``estimate`` (M, 4, 4)
-    in its own world.
+    (M, 6, 6), body frame, right perturbation, its body ``twist`` (M, 6), and the stamp (ns) of its
+    sample ``nearest`` to each (M,); ``estimate`` (M, 4, 4) in its own world.
     ``cross``, where the ground truth's errors are not taken as independent of each other: for each
     pose, (p, 6, 6), their covariances ``E[ξ_j ξ_iᵀ]`` with the p poses j just before it, oldest
     first.
@@ -36,6 +36,7 @@ class EvaluatedPoses:
     estimate: Array
     cross: tuple[Array, ...] | None = None
     twist: Array | None = None
+    nearest: Stamps | None = None
 
     @property
     def joint_covariance(self) -> Array | FactorRows:
@@ -54,6 +55,7 @@ class EvaluatedPoses:
             self.estimate[mask],
             cross,
             None if self.twist is None else self.twist[mask],
+            None if self.nearest is None else self.nearest[mask],
         )
 
     def __len__(self) -> int:

@@ -116,9 +116,9 @@ def error_models(engine: Engine, name: str, kept: WholeRun, *, whole: bool) -> d
     def truth(asked: npt.NDArray[np.int64]) -> Truth:
         return engine.truth(asked, name)
 
-    all_poses = poses_of(kept.evaluations, offset)
-    stamps = all_poses.truth.stamps
-    run = fit(stamps, all_poses.estimate, truth, all_poses.truth.at(stamps))
+    poses = poses_of(kept.evaluations, offset).independent
+    stamps = poses.truth.stamps
+    run = fit(stamps, poses.estimate, truth, poses.truth.at(stamps))
     if run is not None:
         found["run"] = _named(run, WHOLE)
     return found
@@ -150,6 +150,7 @@ def poses_of(evaluations: Evaluations, offset: int) -> Poses:
             evaluations.twist[known],
         ),
         evaluations.estimate[known],
+        evaluations.nearest[known],
     )
 
 
