@@ -166,9 +166,9 @@ def test_covariances_are_blocks_of_the_inverse(count, size, seed):
 def test_the_scatter_of_the_scores_tells_of_errors_larger_than_the_model_says():
     data, gauge = problem(600, 11)
     rng = np.random.default_rng(0)
-    found = Likelihood(Kind.DRIFT, PARAMETERS[Kind.DRIFT], data, gauge)
-    noise = np.linalg.cholesky(found.noise) @ rng.normal(size=(600, 6, 1))
-    data = replace(data, errors=noise[..., 0])
+    jitter = np.repeat(data.measured * np.exp(2.0 * PARAMETERS[Kind.DRIFT][:, 0]), 3, axis=1)
+    root = np.linalg.cholesky(data.covariance + jitter[:, None] * np.eye(6))
+    data = replace(data, errors=(root @ rng.normal(size=(600, 6, 1)))[..., 0])
     usual = Likelihood(Kind.DRIFT, np.log([[2e-3, 1e-6], [1e-3, 1e-6]]), data, gauge)
     ratio = clustered_ratio(*usual.whitened(), usual.theta_covariance, 40)
     np.testing.assert_allclose(ratio, 1.0, atol=0.5)
