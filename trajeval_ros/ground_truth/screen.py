@@ -73,7 +73,7 @@ _LEFT = 4.0
 # those before it than any of so many before.
 _TIMES_OFF, _OFF = 2.0, 8
 # So many samples are looked at in one go: those after a suspicious one are looked at again.
-_AT_ONCE = 256
+_AT_ONCE = 1024
 # Stamps of arrival: an interval so much shorter than usual after one so much longer.
 _BURST, _LATE = 0.2, 1.8
 
@@ -228,13 +228,9 @@ class Screen:
             return 1, False
         steps = _Steps.between(before + pending)
         known, new = len(before) - 1, len(pending)
-        padded = np.concatenate([np.full((_USUAL_STEPS, 2), np.nan), steps.sizes])
-        windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS, axis=0)
-        usual, last = _usual(windows[known : known + new])
         sizes = steps.sizes[known:]
-        limit = np.maximum(_TIMES_USUAL * usual, _TIMES_LAST * last)
-        limit = np.maximum(limit, _TIMES_ACCURACY * self._accuracy)
-        large = (sizes > limit).any(axis=1) | self._sudden(before + pending, steps.intervals)
+        large = self._large(steps.sizes, known)
+        large |= self._sudden(before + pending, steps.intervals)
         large |= self._unlike(before + pending, sizes[:, 0])
         enough = np.arange(known, known + new) >= _FEWEST_STEPS
         large &= enough
@@ -246,6 +242,20 @@ class Screen:
         if not len(suspicious):
             return new, False
         return int(suspicious[0]), bool(repeats[suspicious[0]])
+
+    def _large(self, sizes: Array, known: int) -> Mask:
+        """Which steps behind the ``known`` ones are far larger than usual; sizes: (n, 2)."""
+        before = np.concatenate([np.zeros((3, 2)), sizes])[known:-1]
+        last = np.maximum(np.maximum(before[:-2], before[1:-1]), before[2:])
+        limit = np.maximum(_TIMES_LAST * last, _TIMES_ACCURACY * self._accuracy)
+        above = sizes[known:] > limit
+        # What is usual costs more than the rest, and so it is asked for where it matters.
+        places = np.flatnonzero(above.any(axis=1))
+        padded = np.concatenate([np.full((_USUAL_STEPS, 2), np.nan), sizes])
+        windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS, axis=0)
+        usual, _ = _usual(windows[known + places])
+        above[places] &= sizes[known + places] > _TIMES_USUAL * usual
+        return np.asarray(above.any(axis=1))
 
     def _sudden(self, samples: Samples, intervals: Array) -> Mask:
         """Which of the samples that are new change their velocity as they never did before.

@@ -41,10 +41,15 @@ def coarsest(stamps: Stamps, usual: float) -> int:
     for tick in _TICKS:
         if tick < _MATTERS * usual:
             break
-        off = (since + tick // 2) % tick - tick // 2
-        if (np.abs(off) <= _EXACTLY).all():
+        # Where they are not, the first few tell already.
+        if _on_ticks(since[:_TELLING], tick) and _on_ticks(since, tick):
             return tick
     return 0
+
+
+def _on_ticks(since: Stamps, tick: int) -> bool:
+    off = (since + tick // 2) % tick - tick // 2
+    return bool((np.abs(off) <= _EXACTLY).all())
 
 
 def quantised(stamps: Stamps, tick: int) -> bool:

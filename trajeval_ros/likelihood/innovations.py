@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import lapack
+from trajeval_ros import lapack, loops
 from trajeval_ros.likelihood.band import BandWhitener
 from trajeval_ros.likelihood.gaussian import CovarianceError
 from trajeval_ros.likelihood.joint import FactorRows
@@ -35,10 +35,31 @@ def _innovations(
     error: (n, 6). adjoint: (n, 6, 6). covariance: Sigma at the steps' ends, (n, 6, 6).
     mean, spread: m, (6,) and P, (6, 6), before the first step.
 
-    Returns the innovations (n, 6), the factors of S (n, 6, 6), and m and P after the last step.
+    Returns chi2 and log-determinants of the innovations, (n,), and m and P after the last step.
     Raises CovarianceError, its index counting steps.
     """
     _check(covariance, 0)
+    return (_by_loop if loops.there() else _by_lapack)(error, adjoint, covariance, mean, spread)
+
+
+def _by_loop(
+    error: Array, adjoint: Array, covariance: Array, mean: Array, spread: Array
+) -> tuple[Array, Array, Array, Array]:
+    """`_innovations` in C."""
+    chi2, log_det = np.empty((2, len(error)))
+    mean, spread = mean.copy(), spread.copy()
+    given = (np.ascontiguousarray(each) for each in (error, adjoint, covariance))
+    wrong = loops.call("innovations", len(error), *given, mean, spread, chi2, log_det)
+    if wrong:
+        # A step of 10,000 km: its lever arm leaves no digit of the noise.
+        raise CovarianceError(wrong - 1)
+    return chi2, log_det, mean, spread
+
+
+def _by_lapack(
+    error: Array, adjoint: Array, covariance: Array, mean: Array, spread: Array
+) -> tuple[Array, Array, Array, Array]:
+    """`_innovations` step by step."""
     innovation, factor = np.empty(error.shape), np.empty(adjoint.shape)
     state = np.concatenate([spread, mean[None]])
     # Each step's S needs the P of the one before: inherently sequential.
@@ -49,11 +70,12 @@ def _innovations(
         innovation[i] = state[6]
         factor[i], gain, wrong = lapack.dposv(state[:6] + sigma, sigma, lower=1)
         if wrong:
-            # A step of 10,000 km: its lever arm leaves no digit of the noise.
             raise CovarianceError(i)
         state = state.dot(gain)
         state[:6] = 0.5 * (state[:6] + state[:6].T)
-    return innovation, factor, state[6], state[:6]
+    white = np.linalg.solve(np.tril(factor), innovation[..., None])[..., 0]
+    log_det = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=-1)
+    return (white**2).sum(axis=-1), log_det, state[6], state[:6]
 
 
 def _check(covariance: Array, first: int) -> None:
@@ -94,12 +116,10 @@ class IndependentRecursion:
             spread = sigma[0]
         else:
             spread = self._spread
-        innovation, factor, self._mean, self._spread = _innovations(
+        chi2, log_det, self._mean, self._spread = _innovations(
             error, adjoint, sigma[1:], self._mean, spread
         )
-        white = np.linalg.solve(np.tril(factor), innovation[..., None])[..., 0]
-        log_det = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=-1)
-        return (white**2).sum(axis=-1), log_det
+        return chi2, log_det
 
 
 def _joint_innovations(

@@ -1,0 +1,112 @@
+/* Copyright 2026 The trajeval_ros authors
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * The relative errors given the past ones (`likelihood/innovations.py`). With the gauge's error at a
+ * pose ~ N(m, P) given the errors up to there, the step from it, of error e, adjoint A and noise
+ * Sigma, has the innovation e + A m ~ N(0, S), and after it m and P are
+ *
+ *     S = A P A^T + Sigma = L L^T,    m <- Sigma S^-1 (A m + e),    P <- (A P A^T) S^-1 Sigma.
+ */
+#include "loops.h"
+
+#define D 6
+
+/* out = a b^T; all (D, D). */
+static void times_transposed(const double a[D][D], const double b[D][D], double out[D][D]) {
+    for (int i = 0; i < D; i++)
+        for (int j = 0; j < D; j++) {
+            double sum = 0.0;
+            for (int k = 0; k < D; k++) sum += a[i][k] * b[j][k];
+            out[i][j] = sum;
+        }
+}
+
+/* out = a b. */
+static void times(const double a[D][D], const double b[D][D], double out[D][D]) {
+    for (int i = 0; i < D; i++) {
+        for (int j = 0; j < D; j++) out[i][j] = 0.0;
+        for (int k = 0; k < D; k++)
+            for (int j = 0; j < D; j++) out[i][j] += a[i][k] * b[k][j];
+    }
+}
+
+/* The lower factor of a symmetric matrix, in its place; 0 where it is not positive definite. */
+static int factor(double s[D][D]) {
+    for (int j = 0; j < D; j++) {
+        double pivot = s[j][j];
+        for (int k = 0; k < j; k++) pivot -= s[j][k] * s[j][k];
+        if (!(pivot > 0.0) || !isfinite(pivot)) return 0;
+        s[j][j] = sqrt(pivot);
+        for (int i = j + 1; i < D; i++) {
+            double sum = s[i][j];
+            for (int k = 0; k < j; k++) sum -= s[i][k] * s[j][k];
+            s[i][j] = sum / s[j][j];
+        }
+    }
+    return 1;
+}
+
+/* x <- L^-1 x, of the rows of x (D, D). */
+static void forward(const double lower[D][D], double x[D][D]) {
+    for (int i = 0; i < D; i++) {
+        for (int k = 0; k < i; k++)
+            for (int j = 0; j < D; j++) x[i][j] -= lower[i][k] * x[k][j];
+        for (int j = 0; j < D; j++) x[i][j] /= lower[i][i];
+    }
+}
+
+/* x <- L^-T x. */
+static void backward(const double lower[D][D], double x[D][D]) {
+    for (int i = D - 1; i >= 0; i--) {
+        for (int k = i + 1; k < D; k++)
+            for (int j = 0; j < D; j++) x[i][j] -= lower[k][i] * x[k][j];
+        for (int j = 0; j < D; j++) x[i][j] /= lower[i][i];
+    }
+}
+
+/* One step. error (D), adjoint (D, D) and noise (D, D), that of its end; mean (D) and spread (D, D)
+ * go on. Writes chi2 and log |S|; returns 0 where S has no factor. */
+static int step(const double *error, const double adjoint[D][D], const double noise[D][D],
+                double *mean, double spread[D][D], double *chi2, double *log_det) {
+    double half[D][D], ahead[D][D], lower[D][D], gain[D][D], moved[D], white[D];
+    times(adjoint, (const double(*)[D])spread, half);
+    times_transposed((const double(*)[D])half, adjoint, ahead);
+    for (int i = 0; i < D; i++)
+        for (int j = 0; j < D; j++) lower[i][j] = ahead[i][j] + noise[i][j], gain[i][j] = noise[i][j];
+    if (!factor(lower)) return 0;
+    for (int i = 0; i < D; i++) {
+        moved[i] = error[i];
+        for (int k = 0; k < D; k++) moved[i] += adjoint[i][k] * mean[k];
+    }
+    *chi2 = *log_det = 0.0;
+    for (int i = 0; i < D; i++) {
+        white[i] = moved[i];
+        for (int k = 0; k < i; k++) white[i] -= lower[i][k] * white[k];
+        white[i] /= lower[i][i];
+        *chi2 += white[i] * white[i];
+        *log_det += 2.0 * log(lower[i][i]);
+    }
+    forward((const double(*)[D])lower, gain);
+    backward((const double(*)[D])lower, gain);
+    times((const double(*)[D])ahead, (const double(*)[D])gain, half);
+    for (int i = 0; i < D; i++) {
+        mean[i] = 0.0;
+        for (int k = 0; k < D; k++) mean[i] += moved[k] * gain[k][i];
+        for (int j = 0; j < D; j++) spread[i][j] = 0.5 * (half[i][j] + half[j][i]);
+    }
+    return 1;
+}
+
+/* So many steps in turn: error (count, 6), adjoint and noise (count, 6, 6); mean (6) and spread
+ * (6, 6) before the first, and then after the last. Writes chi2 and log_det (count).
+ *
+ * Returns 0, or the number, from 1, of the step where S has no factor. */
+int64_t innovations(int64_t count, const double *error, const double *adjoint, const double *noise,
+                    double *mean, double *spread, double *chi2, double *log_det) {
+    for (int64_t i = 0; i < count; i++)
+        if (!step(error + D * i, (const double(*)[D])(adjoint + D * D * i),
+                  (const double(*)[D])(noise + D * D * i), mean, (double(*)[D])spread, chi2 + i,
+                  log_det + i))
+            return i + 1;
+    return 0;
+}
