@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The package as colcon (ament_python) and pip build it."""
 
+import zlib
 from glob import glob
+from pathlib import Path
 
 from setuptools import Extension, find_packages, setup
 
@@ -50,10 +52,13 @@ EXTRAS = {
 WARNINGS = ["-Wall", "-Wextra"]
 # Loops in C, without which NumPy does the same, slower: no compiler is no reason to fail. They know
 # nothing of Python. No contraction to fused operations, so that every machine has the same digits.
+SOURCES = sorted(glob(f"{PACKAGE}/loops/*.[ch]"))
+CHECKSUM = zlib.crc32(b"".join(Path(path).read_bytes() for path in SOURCES))
 LOOPS = Extension(
     f"{PACKAGE}.loops._loops",
-    sources=sorted(glob(f"{PACKAGE}/loops/*.c")),
-    depends=sorted(glob(f"{PACKAGE}/loops/*.h")),
+    sources=[path for path in SOURCES if path.endswith(".c")],
+    depends=SOURCES,
+    define_macros=[("LOOPS_SOURCES", f"{CHECKSUM}u")],
     extra_compile_args=["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", *WARNINGS],
     libraries=["m"],
     optional=True,

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The way from NumPy to C; what the loops compute is held to NumPy where it is used."""
 
+import ctypes
 import os
 import subprocess
 import sys
 from importlib import util
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +20,24 @@ ROOT = Path(__file__).parents[2]
 built = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
 
 
+def test_what_was_built_is_of_these_sources():
+    """Or else `make install` builds it anew; an older one is not used."""
+    folder = Path(loops.__file__).parent
+    library = next(folder.glob(f"_loops*{EXTENSION_SUFFIXES[0]}"), None)
+    if library is None:
+        pytest.skip("not built")
+    built = ctypes.CDLL(str(library)).loops_sources
+    built.restype = ctypes.c_uint32
+    assert built() == loops.sources()
+
+
 @built
-def test_both_sides_know_the_same_version():
-    assert loops.call("loops_version") == loops.VERSION
-    header = (ROOT / "trajeval_ros/loops/loops.h").read_text()
-    assert f"#define LOOPS_VERSION {loops.VERSION}\n" in header
+def test_a_library_of_other_sources_is_none(monkeypatch):
+    assert loops._loaded() is not None
+    monkeypatch.setattr(loops, "sources", lambda: 1)
+    assert loops._loaded() is None
+    monkeypatch.setattr(loops, "sources", lambda: None)
+    assert loops._loaded() is not None
 
 
 @built
@@ -31,7 +46,18 @@ def test_both_sides_know_the_same_version():
 )
 def test_an_array_that_c_would_misread_is_refused(array):
     with pytest.raises(TypeError, match="none for C"):
-        loops.call("loops_version", array)
+        loops.call("loops_sources", array)
+
+
+def test_what_is_no_library_is_none(tmp_path, monkeypatch):
+    monkeypatch.delenv(loops.SWITCH, raising=False)
+    monkeypatch.setattr(loops, "__file__", str(tmp_path / "__init__.py"))
+    assert loops._loaded() is None
+    (tmp_path / f"_loops{EXTENSION_SUFFIXES[0]}").write_bytes(b"of another machine")
+    assert loops._loaded() is None
+    monkeypatch.setenv(loops.SWITCH, str(tmp_path / f"_loops{EXTENSION_SUFFIXES[0]}"))
+    with pytest.raises(OSError, match="_loops"):
+        loops._loaded()
 
 
 @built

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -22,9 +23,6 @@ from pathlib import Path
 
 import numpy as np
 
-# That of the functions' arguments, which `loops.h` has too: a library that was built before they
-# changed is none.
-VERSION = 1
 # In the environment 0 leaves all to NumPy, and a path is that of another library (`make sanitize`).
 SWITCH = "TRAJEVAL_ROS_LOOPS"
 _KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.bool_))
@@ -42,8 +40,23 @@ def _loaded() -> ctypes.CDLL | None:
     path = Path(wanted) if wanted else next((each for each in built if each.exists()), None)
     if path is None:
         return None
-    library = ctypes.CDLL(str(path))
-    return library if library.loops_version() == VERSION else None
+    try:
+        library = ctypes.CDLL(str(path))
+        library.loops_sources.restype = ctypes.c_uint32
+    except (OSError, AttributeError):
+        if wanted:
+            raise
+        return None  # of another machine, or of before
+    return library if sources() in (None, library.loops_sources()) else None
+
+
+def sources() -> int | None:
+    """The checksum of the sources, where they are; a library of others is none."""
+    found = sorted(Path(__file__).parent.glob("*.[ch]"))
+    checksum = 0
+    for path in found:
+        checksum = zlib.crc32(path.read_bytes(), checksum)
+    return checksum if found else None
 
 
 _library = _loaded()

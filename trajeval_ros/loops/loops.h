@@ -9,9 +9,6 @@
 #include <math.h>
 #include <stdint.h>
 
-/* That of the functions' arguments, which `__init__.py` has too. */
-#define LOOPS_VERSION 1
-
 /* Before a function that is compiled for AVX2 too, and before those that are compiled into it.
  * Nothing is fused or summed in another order: the digits are the same. */
 #if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
