@@ -125,6 +125,7 @@ def climb(
             apart *= _FARTHER
         alone = 0
         slope = here.gradient().ravel()
+        fresh = curvature is None or far
         if curvature is None or far:
             curvature = here.average_information()
         if before is not None:
@@ -132,11 +133,15 @@ def climb(
         step, expected = _newton_step(here.parameters.ravel(), slope, curvature, low, high)
         if expected + promised < gain:
             break
-        there = _moved(here, step, weights)
+        there, stuck = _moved(here, step, weights), False
         if there is None or penalised(there) < value:
             apart *= _FARTHER
             there = _along(here, step, value)
             if there is None:
+                # The curvature is that of another place, or the step can only be noise.
+                if fresh and promised < gain:
+                    break
+                stuck = True
                 there = _moved(here, 0.0 * step, weights)
                 if there is None or penalised(there) < value:
                     if apart > len(weights[0]):
@@ -145,7 +150,7 @@ def climb(
         moved = (there.parameters - here.parameters).ravel()
         settled = promised < max(gain, expected, _SETTLED)
         before = (moved, slope) if settled else None
-        far = not near and (not settled or float(np.abs(moved).max()) > _FAR)
+        far = stuck or (not near and (not settled or float(np.abs(moved).max()) > _FAR))
         here, value = there, penalised(there)
         if near and expected < _SURE:
             break

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.alignment.umeyama import align_positions
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
 
@@ -71,16 +71,29 @@ def _offset(stamps: Stamps, estimate: Array, ask: Ask) -> float:
     steps = np.arange(-int(_LONGEST_OFFSET / interval), int(_LONGEST_OFFSET / interval) + 1)
     if not 3 <= len(steps) < 4000 or when[-1] < 4.0 * _LONGEST_OFFSET:
         return 0.0
-    correlation = np.zeros(len(steps))
-    for i, lag in enumerate(steps * interval):
-        inside = (when + lag >= when_truth[0]) & (when + lag <= when_truth[-1])
-        there = np.interp(when[inside] + lag, when_truth, truth)
-        correlation[i] = np.corrcoef(other[inside], there)[0, 1]
+    correlation = _correlations(when, other, when_truth, truth, interval * steps.astype(np.float64))
     best, none = int(np.argmax(correlation)), len(steps) // 2
     lack = (1.0 - correlation[best]) / max(1.0 - correlation[none], 1e-3)
     if correlation[best] < _CORRELATION or lack > _LACK:
         return 0.0
     return float(steps[best] * interval)
+
+
+def _correlations(
+    when: Array, speed: Array, when_truth: Array, truth: Array, offsets: Array
+) -> Array:
+    """Of ``speed`` (n,) with ``truth`` (m,), interpolated at each offset; 0 where none varies."""
+    correlation = np.zeros(len(offsets))
+    if loops.there():
+        given = map(np.ascontiguousarray, (when, speed, when_truth, truth, offsets, correlation))
+        loops.call("correlations", len(when), len(truth), len(offsets), *given)
+        return correlation
+    for i, lag in enumerate(offsets):
+        inside = (when + lag >= when_truth[0]) & (when + lag <= when_truth[-1])
+        there, here = np.interp(when[inside] + lag, when_truth, truth), speed[inside]
+        if inside.any() and min(np.ptp(here), np.ptp(there)) > 0.0:
+            correlation[i] = np.corrcoef(here, there)[0, 1]
+    return correlation
 
 
 def _turn(stamps: Stamps, truth: Array, estimate: Array) -> Array:

@@ -19,6 +19,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.series import Series
 
@@ -79,20 +80,33 @@ def structure(series: Series) -> tuple[Array, Array]:
         steps.append(max(steps[-1] + 1, int(steps[-1] * _GROWTH)))
     known = float(np.median(series.variance))
     times = np.concatenate([[0.0], np.cumsum(series.intervals)])
-    found = []
-    for lag in steps:
-        apart = series.errors[:, lag:] - series.errors[:, :-lag]
+    raw = _variances(series.errors, times, np.array(steps), _GAP * interval)
+    lags = interval * np.array(steps[: len(raw)], float)
+    raw = 0.5 * raw
+    return lags, np.maximum(np.maximum(raw - known, 0.1 * raw), 1e-14)
+
+
+def _variances(errors: Array, times: Array, steps: npt.NDArray[np.int64], gap: float) -> Array:
+    """The variance on one axis of the differences over each of so many ``steps``; fewer at the end.
+
+    errors: (3, N). times: (N,), s. gap: as long as a step is at most, s.
+    """
+    found = np.empty(len(steps))
+    if loops.there():
+        given = np.ascontiguousarray(errors), times, steps, gap * steps, _MEDIAN, _RARE, _CLIPPED
+        work = np.empty(len(times))
+        return found[: loops.call("structure", len(times), len(steps), *given, found, work)]
+    for i, lag in enumerate(steps):
+        apart = errors[:, lag:] - errors[:, :-lag]
         squares = np.einsum("xn,xn->n", apart, apart)
-        squares = squares[times[lag:] - times[:-lag] < _GAP * lag * interval]
+        squares = squares[times[lag:] - times[:-lag] < gap * lag]
         if not len(squares):
-            break
+            return found[:i]
         variance = float(np.median(squares)) / _MEDIAN
         for _ in range(_CLIPPED):
             variance = float(np.minimum(squares, _RARE * variance).mean()) / 3.0
-        found.append(0.5 * variance)
-    raw = np.array(found)
-    lags = interval * np.array(steps[: len(found)], float)
-    return lags, np.maximum(np.maximum(raw - known, 0.1 * raw), 1e-14)
+        found[i] = variance
+    return found
 
 
 def _nonnegative(design: Array, values: Array, weight: Array) -> tuple[Array, Array]:
@@ -102,6 +116,10 @@ def _nonnegative(design: Array, values: Array, weight: Array) -> tuple[Array, Ar
     right = scaled.swapaxes(1, 2) @ target
     size = design.shape[2]
     best, cost = np.zeros(design.shape[::2]), np.full(len(design), np.inf)
+    if loops.there():
+        given = np.ascontiguousarray(normal), right, float(target @ target)
+        loops.call("nonnegative", len(design), size, *given, best, cost)
+        return best, cost
     for count in range(1, size + 1):
         for chosen in itertools.combinations(range(size), count):
             index = np.array(chosen)

@@ -1,0 +1,161 @@
+/* Copyright 2026 The trajeval_ros authors
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * Where a search for a process begins (error_model/structure.py, error_model/start.py): the structure
+ * function of errors, the non-negative variances that explain it, and the correlation of two speeds
+ * at many offsets.
+ */
+#include "loops.h"
+#include "solve.h"
+
+/* The k-th smallest of a (n,), to its place, with none larger before it (Hoare, Wirth). */
+static double selected(int64_t n, int64_t k, double *a)
+{
+    int64_t low = 0, high = n - 1;
+    while (low < high) {
+        const double pivot = a[k];
+        int64_t i = low, j = high;
+        while (i <= j) {
+            while (a[i] < pivot)
+                i++;
+            while (pivot < a[j])
+                j--;
+            if (i <= j) {
+                const double kept = a[i];
+                a[i++] = a[j];
+                a[j--] = kept;
+            }
+        }
+        if (j < k)
+            low = i;
+        if (k < i)
+            high = j;
+    }
+    return a[k];
+}
+
+static double median(int64_t n, double *a)
+{
+    const double upper = selected(n, n / 2, a);
+    if (n % 2)
+        return upper;
+    double lower = a[0];
+    for (int64_t i = 1; i < n / 2; i++)
+        lower = fmax(lower, a[i]);
+    return 0.5 * (lower + upper);
+}
+
+/* The variance on one axis of differences over steps[l] poses each, none of which lie further apart
+ * in time than longest[l]: by the median of the squares over three axes, then by means that are
+ * clipped at `rare` of it. errors (3, N), times (N,), steps, longest and variances (lags,), work (N,).
+ * Returns how many there are; after the first without any difference there is none. */
+int structure(int64_t count, int64_t lags, const double *errors, const double *times,
+              const int64_t *steps, const double *longest, double of_median, double rare,
+              int64_t clipped, double *variances, double *work)
+{
+    for (int64_t l = 0; l < lags; l++) {
+        int64_t n = 0;
+        for (int64_t i = 0; i + steps[l] < count; i++) {
+            const int64_t later = i + steps[l];
+            if (!(times[later] - times[i] < longest[l]))
+                continue;
+            double square = 0.0;
+            for (int x = 0; x < 3; x++) {
+                const double apart = errors[x * count + later] - errors[x * count + i];
+                square += apart * apart;
+            }
+            work[n++] = square;
+        }
+        if (n == 0)
+            return (int)l;
+        double variance = median(n, work) / of_median;
+        for (int64_t c = 0; c < clipped; c++) {
+            double sum = 0.0;
+            for (int64_t i = 0; i < n; i++)
+                sum += fmin(work[i], rare * variance);
+            variance = sum / (double)n / 3.0;
+        }
+        variances[l] = variance;
+    }
+    return (int)lags;
+}
+
+/* Non-negative least squares of each of m problems in k <= 3 unknowns: the best of all choices of
+ * unknowns that are not zero. normal (m, k, k), right (m, k); squares: of the right-hand sides before
+ * all; best (m, k), and the squares that are left, cost (m,). */
+int nonnegative(int64_t m, int64_t size, const double *normal, const double *right, double squares,
+                double *best, double *cost)
+{
+    const int k = (int)size;
+    for (int64_t i = 0; i < m; i++, normal += k * k, right += k, best += k, cost++) {
+        *cost = INFINITY;
+        for (int c = 0; c < k; c++)
+            best[c] = 0.0;
+        for (int chosen = 1; chosen < 1 << k; chosen++) {
+            double a[MOST][MOST], x[MOST], trace = 0.0, left = squares;
+            int index[MOST], n = 0, proper = 1;
+            for (int c = 0; c < k; c++)
+                if (chosen >> c & 1) {
+                    trace += normal[c * k + c];
+                    index[n++] = c;
+                }
+            for (int r = 0; r < n; r++) {
+                x[r] = right[index[r]];
+                for (int c = 0; c < n; c++)
+                    a[r][c] = normal[index[r] * k + index[c]] + (r == c ? 1e-12 * trace : 0.0);
+            }
+            if (solve(n, a, x))
+                continue;
+            for (int r = 0; r < n; r++) {
+                proper = proper && x[r] >= 0.0;
+                left -= x[r] * right[index[r]];
+            }
+            if (!proper || !(left < *cost))
+                continue;
+            *cost = left;
+            for (int c = 0; c < k; c++)
+                best[c] = 0.0;
+            for (int r = 0; r < n; r++)
+                best[index[r]] = x[r];
+        }
+    }
+    return 0;
+}
+
+/* Pearson's correlation of speeds (n,) at times (n,) with others (m,) at their times (m,), which are
+ * interpolated where they are later by each of the offsets (lags,); both increase. Zero where either
+ * does not vary, or there are none. */
+int correlations(int64_t n, int64_t m, int64_t lags, const double *times, const double *speeds,
+                 const double *other_times, const double *others, const double *offsets,
+                 double *found)
+{
+    for (int64_t l = 0; l < lags; l++) {
+        double count = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
+        int64_t at = 0;
+        for (int64_t i = 0; i < n; i++) {
+            const double time = times[i] + offsets[l];
+            if (time < other_times[0])
+                continue;
+            if (!(time <= other_times[m - 1]))
+                break;
+            while (at + 2 < m && other_times[at + 1] <= time)
+                at++;
+            double there = others[0];
+            if (m > 1) {
+                const double slope =
+                    (others[at + 1] - others[at]) / (other_times[at + 1] - other_times[at]);
+                there = others[at] + slope * (time - other_times[at]);
+            }
+            /* From the first on: means and products of what is left (Welford). */
+            count += 1.0;
+            const double dx = speeds[i] - x, dy = there - y;
+            x += dx / count;
+            y += dy / count;
+            xx += dx * (speeds[i] - x);
+            yy += dy * (there - y);
+            xy += dx * (there - y);
+        }
+        found[l] = xx > 0.0 && yy > 0.0 ? xy / sqrt(xx * yy) : 0.0;
+    }
+    return 0;
+}
