@@ -43,7 +43,9 @@ def some_samples(rng, count, groups, coordinates, interval):
 
 def both(kernel, observed, cuts=()):
     groups, coordinates = observed.values.shape[1:]
-    pair = [kind(kernel, groups, coordinates) for kind in (RecursiveFactor, MarkovFactor)]
+    pair = [
+        kind(kernel, np.full(groups, 1e-6), coordinates) for kind in (RecursiveFactor, MarkovFactor)
+    ]
     for factor in pair:
         for end in sorted({*cuts, len(observed.times)} - {0}):
             part = Observed(observed.times[:end], observed.values[:end], observed.noise[:end])
@@ -77,6 +79,10 @@ def test_it_is_the_factor_in_blocks(
     assert loop.count == blocks.count == count
     agree(loop.pivots[:, :count], blocks.pivots[:, :count])
     agree(loop.white[:, :count], blocks.white[:, :count])
+    agree(loop.sums[:, :count], blocks.sums[:, :count])
+    if count > 1:
+        for one, other in zip(loop.innovations(1), blocks.innovations(1), strict=True):
+            agree(one, other, np.abs(blocks.sums[:, :count, -1]).max())
     # Around the samples, at them, and far away.
     times = np.concatenate(
         [
@@ -143,7 +149,7 @@ def test_what_is_not_positive_definite_is_refused_and_nothing_is_taken():
     kernel, observed = a_kernel(rng, 2, KERNELS), some_samples(rng, 60, 2, 3, 0.01)
     noise = observed.noise.copy()
     noise[45, 1] = -100.0
-    factors = [RecursiveFactor(kernel, 2, 3) for _ in range(2)]
+    factors = [RecursiveFactor(kernel, np.full(2, 1e-6), 3) for _ in range(2)]
     extend([factors[0]], [Observed(observed.times[:21], observed.values[:21], observed.noise[:21])])
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         extend(factors, [observed, Observed(observed.times, observed.values, noise)])

@@ -25,6 +25,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth.factors import Observed
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
@@ -159,7 +160,7 @@ class Watch:
         """The rows before ``row`` were looked into; more is needed the next time."""
         self._patience *= 2.0
         self._sums = np.zeros(len(_THRESHOLDS))
-        self._since = np.full(len(_THRESHOLDS), row)
+        self._since = np.full(len(_THRESHOLDS), row, dtype=np.int64)
         self._looked = row
 
     @property
@@ -176,6 +177,8 @@ class Watch:
         Return the first row at which a threshold is exceeded and the one since which it was
         approached, and look at all again the next time; or None.
         """
+        if loops.there():
+            return self._look(squares, telling)
         terms = 0.5 * (squares * _STEEPNESS[:, None] - _OFFSETS[:, None])
         terms[_CAUTIOUS] *= telling
         walk = np.cumsum(np.concatenate([self._sums[:, None], terms], axis=1), axis=1)
@@ -192,6 +195,33 @@ class Watch:
         newest = self._looked + len(squares) - zero[:, ::-1].argmax(axis=1)
         self._sums = sums[:, -1]
         self._since = np.where(zero.any(axis=1), newest, self._since)
+        self._looked += len(squares)
+        return None
+
+    def _look(self, squares: Array, telling: Mask) -> tuple[int, int] | None:
+        """The same in C."""
+        sums, since = np.empty_like(self._sums), np.empty_like(self._since)
+        raised = np.empty(2, dtype=np.int64)
+        if loops.call(
+            "page_look",
+            np.ascontiguousarray(squares),
+            np.ascontiguousarray(telling),
+            len(squares),
+            self._looked,
+            _STEEPNESS,
+            _OFFSETS,
+            self._patience * _THRESHOLDS,
+            len(_THRESHOLDS),
+            _CAUTIOUS,
+            self._sums,
+            self._since,
+            sums,
+            since,
+            raised,
+        ):
+            row, begin = raised.tolist()
+            return row, begin
+        self._sums, self._since = sums, since
         self._looked += len(squares)
         return None
 
@@ -318,8 +348,8 @@ class Adaptation:
         squares, log_dets = (
             each.reshape(2, -1, regression.count - first) for each in regression.innovations(first)
         )
-        accuracy = np.array(self.process.accuracy)[:, None, None]
-        telling = np.asarray((np.exp(log_dets) > _TELLING * accuracy**2).all(axis=1))
+        least = np.log(_TELLING * np.square(self.process.accuracy))
+        telling = np.asarray((log_dets > least[:, None, None]).all(axis=1))
         squares = squares.sum(axis=1)
         found = []
         for group, watch in enumerate(self._watches):

@@ -65,12 +65,17 @@ def _in_panels(count: int) -> int:
 
 
 class Factor(ABC):
-    """Of G groups, with ``[g z] = L⁻¹ [1 x]`` of c coordinates each."""
+    """Of G groups, with ``[g z] = L⁻¹ [1 x]`` of c coordinates each.
 
-    def __init__(self, kernel: KernelSum, groups: int, coordinates: int) -> None:
+    And with what is known of their mean, of an ``information`` before all samples (G,): see
+    `regression`, whose letters these are.
+    """
+
+    def __init__(self, kernel: KernelSum, information: Array, coordinates: int) -> None:
         """Start without samples."""
         self._kernel = kernel
-        self._groups = groups
+        self._information = information
+        self._groups = len(information)
         self._columns = 1 + coordinates
         self.count = 0
         """Number of samples."""
@@ -86,6 +91,18 @@ class Factor(ABC):
     @abstractmethod
     def pivots(self) -> Array:
         """The diagonal of L; (G, rows), rows beyond the samples meaning nothing."""
+
+    @property
+    @abstractmethod
+    def sums(self) -> Array:
+        """A, ``gᵀ z`` and ``Σ q`` of the samples up to each; (G, rows, 2 + c), as `white`."""
+
+    @abstractmethod
+    def innovations(self, first: int) -> tuple[Array, Array]:
+        """What samples from row ``first`` >= 1 on add to ``Σ q`` and ``log|K| + log A``.
+
+        (G, n - first) both.
+        """
 
     def take(self, times: Array) -> None:
         """Take the times of all samples so far."""
@@ -227,15 +244,51 @@ class _Blocks:
         return [*zip(factors, self.numbers.tolist(), strict=True)]
 
 
-class MarkovFactor(Factor):
+class _SummedFactor(Factor):
+    """One whose sums are added up when its rows are there."""
+
+    def __init__(self, kernel: KernelSum, information: Array, coordinates: int) -> None:
+        """Start without samples."""
+        super().__init__(kernel, information, coordinates)
+        self._sums_up = np.empty((self._groups, 0, 3 + coordinates))  # with Σ zᵀ z
+
+    @property
+    def sums(self) -> Array:
+        """Row after row."""
+        return self._sums_up[..., :-1]
+
+    def innovations(self, first: int) -> tuple[Array, Array]:
+        """By the sums."""
+        sums = self._sums_up[:, first - 1 : self.count]
+        pivots = 2.0 * np.log(self.pivots[:, first : self.count])
+        return np.diff(sums[..., -2]), pivots + np.diff(np.log(sums[..., 0]))
+
+    def _sum_up(self) -> None:
+        """Add up the sums of the new rows."""
+        known = self._sums_up.shape[1]
+        white = self.white[:, known : self.count]
+        square = (white[..., 1:] ** 2).sum(axis=-1, keepdims=True)
+        terms = np.concatenate([white[..., :1] * white, square, square], axis=-1)
+        if known:
+            terms[:, 0] += self._sums_up[:, known - 1]
+        else:
+            terms[:, 0, 0] += self._information
+        further = np.cumsum(terms, axis=1)
+        further[..., -2] = (
+            further[..., -1] - (further[..., 1:-2] ** 2).sum(axis=-1) / further[..., 0]
+        )
+        self._sums_up = np.concatenate([self._sums_up, further], axis=1)
+
+
+class MarkovFactor(_SummedFactor):
     """With Markov kernels: its size and the time it takes grow with the samples."""
 
     _kernel: MarkovSum
 
-    def __init__(self, kernel: MarkovSum, groups: int, coordinates: int) -> None:
+    def __init__(self, kernel: MarkovSum, information: Array, coordinates: int) -> None:
         """Start without samples."""
-        super().__init__(kernel, groups, coordinates)
-        rank = kernel.rank
+        super().__init__(kernel, information, coordinates)
+        groups, rank = self._groups, kernel.rank
         self._lower = np.empty((groups, 0, _BLOCK, _BLOCK))  # L_b
         self._ahead = np.empty((groups, 0, _BLOCK + rank, rank))  # F and, below it, Φᵀ
         self._solved = np.empty((groups, 0, _BLOCK, self._columns + rank))  # [g z]_b and W_b
@@ -289,6 +342,8 @@ class MarkovFactor(Factor):
                 factor._lower[:, b] = lower[:, i]
                 factor._solved[:, b] = solved[:, i]
                 factor._sums[:, b] = sums[:, i]
+        for factor, _ in firsts:
+            factor._sum_up()
 
     @classmethod
     def _transitions(
@@ -510,14 +565,14 @@ def _walk(panels: _Panels, state: Array) -> Iterator[tuple[Counts, Array, Array]
         further += 1
 
 
-class DenseFactor(Factor):
+class DenseFactor(_SummedFactor):
     """With any kernel."""
 
-    def __init__(self, kernel: KernelSum, groups: int, coordinates: int) -> None:
+    def __init__(self, kernel: KernelSum, information: Array, coordinates: int) -> None:
         """Start without samples."""
-        super().__init__(kernel, groups, coordinates)
-        self._lower = np.empty((groups, 0, 0))
-        self._white = np.empty((groups, 0, self._columns))
+        super().__init__(kernel, information, coordinates)
+        self._lower = np.empty((self._groups, 0, 0))
+        self._white = np.empty((self._groups, 0, self._columns))
 
     @property
     def white(self) -> Array:
@@ -547,6 +602,9 @@ class DenseFactor(Factor):
         for i, (factor, b) in enumerate(blocks.owners):
             assert isinstance(factor, DenseFactor)
             factor._add_block(b, blocks.covariances[:, i], blocks.right[:, i])
+        for factor in factors:
+            assert isinstance(factor, DenseFactor)
+            factor._sum_up()
 
     def _add_block(self, b: int, block: Array, unseen: Array) -> None:
         start = b * _BLOCK

@@ -64,24 +64,35 @@ class RecursiveFactor(Factor):
 
     _kernel: MarkovSum
 
-    def __init__(self, kernel: MarkovSum, groups: int, coordinates: int) -> None:
+    def __init__(self, kernel: MarkovSum, information: Array, coordinates: int) -> None:
         """Start without samples."""
-        super().__init__(kernel, groups, coordinates)
-        rank = kernel.rank
+        super().__init__(kernel, information, coordinates)
+        groups, rank = len(information), kernel.rank
         lanes = -(-(self._columns + rank) // _LANES) * _LANES
-        self._rows = np.empty((groups, 0, 1 + self._columns + 2 * rank))  # l, [g z], w, powers
+        # [g z], l, the sums, tr zᵀ z, e² and d, w, and powers.
+        self._rows = np.empty((groups, 0, 2 * self._columns + 5 + 2 * rank))
         self._spans = np.empty((groups, 0, rank, lanes))  # [N M]
         self._state = np.zeros((groups, rank, lanes))  # the same after the last sample
 
     @property
     def white(self) -> Array:
         """Row after row."""
-        return self._rows[..., 1 : 1 + self._columns]
+        return self._rows[..., : self._columns]
 
     @property
     def pivots(self) -> Array:
         """Row after row."""
-        return self._rows[..., 0]
+        return self._rows[..., self._columns]
+
+    @property
+    def sums(self) -> Array:
+        """Row after row."""
+        return self._rows[..., self._columns + 1 : 2 * self._columns + 2]
+
+    def innovations(self, first: int) -> tuple[Array, Array]:
+        """Known since the samples are."""
+        news = self._rows[:, first : self.count, 2 * self._columns + 3 :]
+        return news[..., 0], news[..., 1]
 
     def _reserve(self, more: int) -> None:
         self._rows, self._spans = (
@@ -108,6 +119,7 @@ class RecursiveFactor(Factor):
         wrong = loops.call(
             "factor_add",
             *self._process,
+            self._information,
             self.times,
             np.ascontiguousarray(samples.values),
             np.ascontiguousarray(samples.noise),

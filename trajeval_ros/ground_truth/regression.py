@@ -60,8 +60,7 @@ class Regression:
         """Start without samples."""
         self._kernel = KernelSum.of(kernels, groups)
         self._variance = self._kernel.variances[0, :, 0]
-        self._factor = _factor(self._kernel, len(groups), coordinates)
-        self._sums = np.empty((len(groups), 0, 2 + coordinates))  # A, gᵀ z, Σ zᵀ z, row by row
+        self._factor = _factor(self._kernel, 1.0 / (_FLAT**2 * self._variance), coordinates)
 
     @property
     def groups(self) -> int:
@@ -76,19 +75,6 @@ class Regression:
     def extend(self, samples: Observed) -> None:
         """Condition on all samples so far; those known already must lead."""
         extend([self], [samples])
-
-    def _sum_up(self) -> None:
-        """Add up the sums of the new rows."""
-        first = self._sums.shape[1]
-        white = self._factor.white[:, first : self.count]
-        square = (white[..., 1:] ** 2).sum(axis=-1, keepdims=True)
-        terms = np.concatenate([white[..., :1] * white, square], axis=-1)
-        if first:
-            terms[:, 0] += self._sums[:, first - 1]
-        else:
-            terms[:, 0, 0] += 1.0 / (_FLAT**2 * self._variance)
-        further = np.cumsum(terms, axis=1)
-        self._sums = np.concatenate([self._sums, further], axis=1)
 
     def posterior(self, times: Array, counts: Counts) -> tuple[Array, Array]:
         """Return mean (q, G, c) and ``P / s²`` (q, G), given the first ``counts`` (q,) samples.
@@ -105,7 +91,7 @@ class Regression:
 
     def squares(self, counts: Counts) -> Array:
         """``Σ q`` over a group's coordinates, given the first ``counts`` (q,) samples; (q, G)."""
-        return _squares(self._sums[:, counts - 1])
+        return self._factor.sums[:, counts - 1, -1].T
 
     def innovations(self, first: int) -> tuple[Array, Array]:
         """Return what samples from row ``first`` >= 1 on add to ``Σ q`` and ``log|K| + log A``.
@@ -114,10 +100,7 @@ class Regression:
         from those before it, in standard deviations, over the group's coordinates; half of the
         second, the logarithm of the standard deviation of one.
         """
-        squares = self.squares(np.arange(first, self.count + 1)).T
-        information = np.log(self._sums[:, first - 1 :, 0])
-        pivots = 2.0 * np.log(self._factor.pivots[:, first : self.count])
-        return np.diff(squares), pivots + np.diff(information)
+        return self._factor.innovations(first)
 
     def cross_variances(self, times: Array, known: int, counts: Counts) -> list[Array]:
         """Return the posterior covariances over ``s²`` of each time with all those before it.
@@ -131,7 +114,7 @@ class Regression:
         white = self._factor.whitened(times[known:], counts)
         rows = white.shape[2]
         ones = self._factor.white[:, :rows, 0]
-        drawn = (1.0 - np.einsum("gqi,gi->gq", white, ones)) / self._sums[:, counts - 1, 0]
+        drawn = (1.0 - np.einsum("gqi,gi->gq", white, ones)) / self._factor.sums[:, counts - 1, 0]
         right = white + drawn[..., None] * ones[:, None]
         right *= np.arange(rows) < counts[:, None]
         weights = self._factor.weights(right, counts)
@@ -146,12 +129,12 @@ class Regression:
         return found
 
 
-def _factor(kernel: KernelSum, groups: int, coordinates: int) -> Factor:
+def _factor(kernel: KernelSum, information: Array, coordinates: int) -> Factor:
     """One without samples, of the kind that the kernel and the machine let be fastest."""
     if not isinstance(kernel, MarkovSum):
-        return DenseFactor(kernel, groups, coordinates)
+        return DenseFactor(kernel, information, coordinates)
     kind = RecursiveFactor if loops.there() else MarkovFactor
-    return kind(kernel, groups, coordinates)
+    return kind(kernel, information, coordinates)
 
 
 def extend(regressions: Sequence[Regression], samples: Sequence[Observed]) -> None:
@@ -165,13 +148,6 @@ def extend(regressions: Sequence[Regression], samples: Sequence[Observed]) -> No
             alike.setdefault(id(regression._kernel), []).append((regression, each))
     for some in alike.values():
         factors.extend([r._factor for r, _ in some], [each for _, each in some])
-        for regression, _ in some:
-            regression._sum_up()
-
-
-def _squares(sums: Array) -> Array:
-    """``Σ q`` (q, G) by the sums (G, q, 2 + c)."""
-    return np.asarray(sums[..., -1] - (sums[..., 1:-1] ** 2).sum(axis=-1) / sums[..., 0]).T
 
 
 def posteriors(
@@ -185,7 +161,7 @@ def posteriors(
     """
     factors = [(r._factor, times, counts) for r, times, counts in asked]
     found, explained = type(factors[0][0]).products(factors, kinds)
-    sums = np.concatenate([r._sums[:, n - 1] for r, _, n in asked], axis=1)
+    sums = np.concatenate([r._factor.sums[:, n - 1] for r, _, n in asked], axis=1)
     sizes = [len(times) for _, times, _ in asked]
     prior = np.stack([r._kernel.variances[:kinds, :, 0] for r, _, _ in asked], axis=2)
     prior = np.repeat(prior, sizes, axis=2)
@@ -193,7 +169,7 @@ def posteriors(
     r, information = ones - found[..., 0], sums[..., 0]
     mean = found[..., 1:] + (r / information)[..., None] * sums[..., 1:-1]
     variance = np.maximum(prior - explained + r * r / information, _ROUND_OFF * prior)
-    return np.swapaxes(mean, 1, 2), np.swapaxes(variance, 1, 2), _squares(sums)
+    return np.swapaxes(mean, 1, 2), np.swapaxes(variance, 1, 2), sums[..., -1].T
 
 
 def scale(squares: Array, counts: Counts, coordinates: int, least: npt.ArrayLike) -> Array:

@@ -8,11 +8,14 @@
  * has, of each kernel, the entries Phi_ij = q_(i-j), i >= j, of its powers q_k = a^k / k! exp(-a),
  * a = rate dt; where samples follow each other, q_0 - 1 is kept for q_0: what is close to the
  * identity is added, so that the round-off of many small steps does not add up. A state [N M] is
- * (r, lanes): 1 + c columns of N, r of M, and zeros up to a multiple of LANES. The rows (samples, 1
- * + (1 + c) + 2 r) of a group hold each sample's pivot l, [g z], w and the powers since the sample
- * before; its spans, the state after every SPAN samples.
+ * (r, lanes): 1 + c columns of N, r of M, and zeros up to a multiple of LANES. The rows of a group
+ * hold of each sample [g z], (1 + c), the pivot l, the sums up to it, (2 + c), its z' z, e^2 and
+ * d of factor_add, w (r) and the powers since the sample before (r); its spans, the state after
+ * every SPAN samples.
  */
 #include "loops.h"
+
+#include <stddef.h>
 
 enum { LANES = 4, SPAN = 8 };
 
@@ -26,7 +29,7 @@ typedef struct {
 
 /* What is in a sample's row. */
 typedef struct {
-    const double *l, *white, *w, *q;
+    double *white, *l, *sums, *square, *news, *w, *q;
 } Row;
 
 /* Of constants (G, 3, m): rates, slopes and variances. */
@@ -47,13 +50,19 @@ static Group group_of(int64_t number, const int64_t *sizes, const double *first_
         .rank = rank,
         .columns = columns,
         .lanes = (columns + rank + LANES - 1) / LANES * LANES,
-        .row = 1 + columns + 2 * rank,
+        .row = 2 * columns + 5 + 2 * rank,
     };
 }
 
-static Row row_of(const Group *g, const double *rows, int64_t n) {
-    const double *l = rows + n * g->row, *white = l + 1, *w = white + g->columns;
-    return (Row){l, white, w, w + g->rank};
+static Row row_of(const Group *g, double *rows, int64_t n) {
+    Row row = {.white = rows + n * g->row};
+    row.l = row.white + g->columns;
+    row.sums = row.l + 1;
+    row.square = row.sums + g->columns + 1;
+    row.news = row.square + 1;
+    row.w = row.news + 2;
+    row.q = row.w + g->rank;
+    return row;
 }
 
 static double dot(const double *a, const double *b, int64_t n) {
@@ -174,9 +183,9 @@ static void predict(const Group *g, const double *q, double *state, double *sum)
 
 /* Take a sample whose noise is given; write its l, [g z] and w; 0 if its variance is not positive.
  * seen: (lanes,) to work with. */
-static int take(const Group *g, double noise, const double *values, double *state, double *row,
+static int take(const Group *g, double noise, const double *values, double *state, Row row,
                 double *seen) {
-    double variance = noise, *line = state, *solved = row + 1;
+    double variance = noise, *line = state;
     fill(seen, g->lanes, 0.0);
     for (int64_t k = 0; k < g->kernels; line += g->lanes * g->sizes[k++]) {
         variance += g->variances[k];
@@ -186,45 +195,69 @@ static int take(const Group *g, double noise, const double *values, double *stat
     if (!(variance > 0.0)) {
         return 0;
     }
-    row[0] = sqrt(variance);
-    for (int64_t j = 0; j < g->columns + g->rank; j++) {
-        const double right = j == 0           ? 1.0
-                             : j < g->columns ? values[j - 1]
-                                              : g->first_past[j - g->columns];
-        solved[j] = seen[j] = (right - seen[j]) / row[0];
+    *row.l = sqrt(variance);
+    for (int64_t j = 0; j < g->columns; j++) {
+        seen[j] = row.white[j] = ((j ? values[j - 1] : 1.0) - seen[j]) / *row.l;
     }
     for (int64_t i = 0; i < g->rank; i++) {
-        add_row(state + i * g->lanes, solved[g->columns + i], seen, g->lanes);
+        double *solved = seen + g->columns + i;
+        *solved = row.w[i] = (g->first_past[i] - *solved) / *row.l;
+    }
+    for (int64_t i = 0; i < g->rank; i++) {
+        add_row(state + i * g->lanes, row.w[i], seen, g->lanes);
     }
     return 1;
 }
 
+/* Write the sums A, g' z and q of a sample's row, z' z, e^2 and d; of those before it (before), or
+ * of the first one the information that there is before all. */
+static void sum_up(const Group *g, double information, const Row *before, Row row) {
+    const int64_t last = g->columns;
+    double square = 0.0, explained = 0.0;
+    for (int64_t j = 0; j < g->columns; j++) {
+        const double known = before ? before->sums[j] : j ? 0.0 : information;
+        row.sums[j] = known + row.white[0] * row.white[j];
+        square += j ? row.white[j] * row.white[j] : 0.0;
+        explained += j ? row.sums[j] * row.sums[j] : 0.0;
+    }
+    *row.square = (before ? *before->square : 0.0) + square;
+    row.sums[last] = *row.square - explained / row.sums[0];
+    row.news[0] = row.sums[last] - (before ? before->sums[last] : 0.0);
+    row.news[1] = log(*row.l * *row.l * (row.sums[0] / (before ? before->sums[0] : information)));
+}
+
 /* Take the samples from `first` on, of G groups and c coordinates; 1 if K is not positive definite.
  *
- * sizes (m,), first_past (r,) and constants (G, 3, m) as in Group; times (count,), values (count,
- * G, c), noise (count, G); rows (G, room, row), spans (G, room / SPAN, r, lanes), state (G, r,
- * lanes) after the sample before the first one, overwritten; seen (lanes,) to work with. */
+ * sizes (m,), first_past (r,) and constants (G, 3, m) as in Group; information (G,) of the mean's
+ * prior; times (count,), values (count, G, c), noise (count, G); rows (G, room, row), spans (G,
+ * room / SPAN, r, lanes), state (G, r, lanes) after the sample before the first one, overwritten;
+ * seen (lanes,) to work with.
+ *
+ * The sums are A = information + g' g, g' z and q = tr z' z - |g' z|^2 / A; e^2 and d, what q and
+ * log det K + log A are more than before. */
 int factor_add(const int64_t *sizes, const double *first_past, int64_t kernels,
-               const double *constants, int64_t groups, int64_t coordinates, const double *times,
-               const double *values, const double *noise, int64_t first, int64_t count,
-               int64_t room, double *rows, double *spans, double *state, double *seen) {
+               const double *constants, int64_t groups, int64_t coordinates,
+               const double *information, const double *times, const double *values,
+               const double *noise, int64_t first, int64_t count, int64_t room, double *rows,
+               double *spans, double *state, double *seen) {
     for (int64_t number = 0; number < groups; number++) {
         const Group g =
             group_of(number, sizes, first_past, kernels, constants, 1 + coordinates);
         const int64_t size = g.rank * g.lanes;
-        double *own = state + number * size;
+        double *own = state + number * size, *of = rows + number * room * g.row;
         for (int64_t n = first; n < count; n++) {
-            double *row = rows + (number * room + n) * g.row, *q = row + g.row - g.rank;
+            const Row row = row_of(&g, of, n), before = row_of(&g, of, n ? n - 1 : 0);
             const int64_t place = n * groups + number;
             if (n > 0) {
-                transition(&g, times[n] - times[n - 1], q);
-                predict(&g, q, own, seen);
+                transition(&g, times[n] - times[n - 1], row.q);
+                predict(&g, row.q, own, seen);
             } else {
-                fill(q, g.rank, 0.0);
+                fill(row.q, g.rank, 0.0);
             }
             if (!take(&g, noise[place], values + place * coordinates, own, row, seen)) {
                 return 1;
             }
+            sum_up(&g, information[number], n ? &before : NULL, row);
             if (n % SPAN == SPAN - 1) {
                 double *span = spans + (number * (room / SPAN) + n / SPAN) * size;
                 for (int64_t i = 0; i < size; i++) {
@@ -239,16 +272,16 @@ int factor_add(const int64_t *sizes, const double *first_past, int64_t kernels,
 /* What there is of a group's samples. */
 typedef struct {
     Group g;
-    const double *times, *rows, *spans;
+    const double *times, *spans;
+    double *rows;
 } Known;
 
 static Known known_of(int64_t number, const int64_t *sizes, const double *first_past,
                       int64_t kernels, const double *constants, int64_t coordinates,
-                      const double *times, const double *rows, const double *spans,
-                      int64_t room) {
+                      const double *times, double *rows, const double *spans, int64_t room) {
     const Group g = group_of(number, sizes, first_past, kernels, constants, 1 + coordinates);
-    return (Known){g, times, rows + number * room * g.row,
-                   spans + number * (room / SPAN) * g.rank * g.lanes};
+    return (Known){g, times, spans + number * (room / SPAN) * g.rank * g.lanes,
+                   rows + number * room * g.row};
 }
 
 /* How many of the first `count` samples lie at a time or before it. */
@@ -331,7 +364,7 @@ static int64_t whiten(const Known *known, double time, int64_t count, int slope,
  * to work with. */
 int factor_products(const int64_t *sizes, const double *first_past, int64_t kernels,
                     const double *constants, int64_t groups, int64_t coordinates,
-                    const double *times, const double *rows, const double *spans, int64_t room,
+                    const double *times, double *rows, const double *spans, int64_t room,
                     const double *asked, const int64_t *counts, int64_t queries, int64_t kinds,
                     double *found, double *explained, double *v, double *work) {
     for (int64_t i = 0; i < kinds * groups * queries; i++) {
@@ -362,7 +395,7 @@ int factor_products(const int64_t *sizes, const double *first_past, int64_t kern
 /* All of v of queries, white (G, a, size), zeros from row counts (a,) on; as factor_products. */
 int factor_whitened(const int64_t *sizes, const double *first_past, int64_t kernels,
                     const double *constants, int64_t groups, int64_t coordinates,
-                    const double *times, const double *rows, const double *spans, int64_t room,
+                    const double *times, double *rows, const double *spans, int64_t room,
                     const double *asked, const int64_t *counts, int64_t queries, double *white,
                     int64_t size, double *work) {
     for (int64_t i = 0; i < groups * queries; i++) {
@@ -388,7 +421,7 @@ int factor_whitened(const int64_t *sizes, const double *first_past, int64_t kern
  * s (r,) to work with. */
 int factor_weights(const int64_t *sizes, const double *first_past, int64_t kernels,
                    const double *constants, int64_t groups, int64_t coordinates,
-                   const double *rows, int64_t room, const int64_t *counts, int64_t queries,
+                   double *rows, int64_t room, const int64_t *counts, int64_t queries,
                    double *right, int64_t size, double *s) {
     for (int64_t i = 0; i < groups * queries; i++) {
         const Group g =
