@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth.adaptation import (
     Adaptation,
     Epoch,
@@ -259,12 +259,29 @@ class Segment:
     def following(self, poses: Array) -> Array:
         """Return the coordinates of ``poses`` (n, 4, 4) that follow the last sample; (n, 6)."""
         known = self._coordinates
-        poses = np.concatenate([self._samples.poses[len(known) :], poses])
-        further = _continued(np.concatenate([known[-1:], self._local(poses)]))[len(known[-1:]) :]
         missing = len(self) - len(known)
+        if missing:
+            poses = np.concatenate([self._samples.poses[len(known) :], poses])
+        further = self._further(known[-1:], poses)
         if missing:
             self._coordinates = np.concatenate([known, further[:missing]])
         return further[missing:]
+
+    def _further(self, before: Array, poses: Array) -> Array:
+        """The coordinates of ``poses`` (n, 4, 4), after the one ``before``, if there is; (n, 6)."""
+        if not loops.there():
+            return _continued(np.concatenate([before, self._local(poses)]))[len(before) :]
+        coordinates = np.empty((len(before) + len(poses), 6))
+        coordinates[: len(before)] = before
+        loops.call(
+            "local_coordinates",
+            np.ascontiguousarray(self._samples.poses[0]),
+            np.ascontiguousarray(poses),
+            len(poses),
+            len(before),
+            coordinates,
+        )
+        return coordinates[len(before) :]
 
     def _local(self, poses: Array) -> Array:
         """Return ``x = (R_refᵀ (p - p_ref), Log(R_refᵀ R))``; (n, 6)."""
