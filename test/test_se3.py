@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import scipy.linalg
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from twins import se3_twin as twin
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 
 Array = npt.NDArray[np.float64]
 
@@ -558,3 +558,92 @@ def test_covariance_in_fixed_axes_is_that_of_drawn_poses():
     np.testing.assert_allclose(
         seen / np.outer(size, size), expected / np.outer(size, size), atol=0.02
     )
+
+
+# --------------------------------------------------------------------------------------------
+# The loops in C and NumPy
+# --------------------------------------------------------------------------------------------
+built = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+
+OF_TANGENTS: dict[str, Callable[[Array], Array]] = {
+    "exp": se3.exp,
+    "exp_so3": lambda xi: se3.exp_so3(xi[..., 3:]),
+    "right_jacobian_so3": lambda xi: se3.right_jacobian_so3(xi[..., 3:]),
+    "left_jacobian": se3.left_jacobian,
+    "right_jacobian": se3.right_jacobian,
+    "left_jacobian_inverse": se3.left_jacobian_inverse,
+    "right_jacobian_inverse": se3.right_jacobian_inverse,
+}
+OF_POSES: dict[str, Callable[[Array], Array]] = {
+    "log": se3.log,
+    "log_so3": lambda pose: se3.log_so3(pose[..., :3, :3]),
+    "quaternion": lambda pose: se3.to_position_quaternion(pose)[1],
+    "inverse": se3.inverse,
+    "adjoint": se3.adjoint,
+    "interpolate": lambda pose: se3.interpolate(np.eye(4), pose, 0.3),
+    "round trip": lambda pose: se3.from_position_quaternion(*se3.to_position_quaternion(pose)),
+}
+
+
+def assert_as_numpy(function: Callable[[Array], Array], values: Array, size: float) -> None:
+    kept = values.copy()
+    found = function(values)
+    with loops.left_out():
+        expected = function(values)
+    np.testing.assert_array_equal(values, kept)
+    assert found.shape == expected.shape
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * size)
+
+
+@built
+@pytest.mark.parametrize("name", OF_TANGENTS)
+@settings(max_examples=30, deadline=None)
+@given(xi=batches())
+def test_a_loop_of_tangents_is_what_numpy_does(name: str, xi: Array) -> None:
+    assert_as_numpy(OF_TANGENTS[name], xi, 1.0 + np.abs(xi).max(initial=0.0))
+    assert_as_numpy(OF_TANGENTS[name], np.swapaxes(xi[None], 0, -2), 1e7)  # strided
+
+
+@built
+@pytest.mark.parametrize("name", OF_POSES)
+@settings(max_examples=30, deadline=None)
+@given(xi=batches())
+def test_a_loop_of_poses_is_what_numpy_does(name: str, xi: Array) -> None:
+    pose = se3.exp(np.where(np.abs(xi) < 3.1, xi, 3.0))  # at pi either sign is right
+    assert_as_numpy(OF_POSES[name], pose, 10.0)
+    assert_as_numpy(OF_POSES[name], np.swapaxes(pose[None], 0, -3), 10.0)
+
+
+@built
+@pytest.mark.parametrize("name", ["log", "log_so3", "quaternion"])
+def test_half_turns_have_the_same_sign(name: str) -> None:
+    poses = [np.diag([1, -1, -1, 1.0]), np.diag([-1, 1, -1, 1.0]), np.diag([-1, -1, 1, 1.0])]
+    poses.append(np.eye(4)[[1, 0, 2, 3]] * [1, 1, -1, 1])
+    assert_as_numpy(OF_POSES[name], np.array(poses), 1.0)
+
+
+@built
+@pytest.mark.parametrize("name", [*OF_TANGENTS, *list(OF_POSES)[:-1]])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_spreads_as_numpy_has_it(name: str, bad: float) -> None:
+    tangents = name in OF_TANGENTS
+    function = OF_TANGENTS[name] if tangents else OF_POSES[name]
+    good = sample((40,), seed=2)[-1]
+    good = good if tangents else se3.exp(good)
+    for place in range(6 if tangents else 12):
+        values = good.copy()
+        values.flat[place] = bad
+        with np.errstate(all="ignore"):
+            found = function(values)
+            with loops.left_out():
+                expected = function(values)
+        np.testing.assert_array_equal(np.isfinite(found), np.isfinite(expected))
+        if np.isnan(bad):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+@built
+@pytest.mark.parametrize("shape", [(5,), (2, 5), (2, 4)])
+def test_a_wrong_shape_is_not_read(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"shape|broadcast|mismatch"):
+        se3.left_jacobian(np.zeros(shape))

