@@ -139,6 +139,7 @@ class _Problem:
         self._near = None if known is None else _recorded(stamps, rounded(known))
         self._exact: tuple[Stamps, Truth] | None = None
         self._latest: tuple[Stamps, Truth] | None = None
+        self._ready: tuple[Nuisances, Truth, tuple[Data, Array]] | None = None
         self._stays_near = False
 
     def stay_near(self) -> None:
@@ -261,15 +262,25 @@ class _Problem:
         self, nuisances: Nuisances, near: bool = False, part: bool = False
     ) -> tuple[Data, Array]:
         reference = self._truth(nuisances, near)
-        good = reference.valid
-        kept = Truth(
-            reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
-        )
-        data, gauge = prepare(self._stamps[good], self._estimate[good], kept, nuisances)
+        if (
+            self._ready is None
+            or self._ready[0] is not nuisances
+            or self._ready[1] is not reference
+        ):
+            self._ready = None  # nothing is there twice
+            self._ready = nuisances, reference, self._errors(nuisances, reference)
+        data, gauge = self._ready[2]
         if not part or len(data.times) <= MANY:
             return data, gauge
         chosen = stretches(len(data.times))
         return part_of(data, chosen), gauge[chosen]
+
+    def _errors(self, nuisances: Nuisances, reference: Truth) -> tuple[Data, Array]:
+        good = reference.valid
+        kept = Truth(
+            reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
+        )
+        return prepare(self._stamps[good], self._estimate[good], kept, nuisances)
 
 
 def _carried(weights: tuple[Array, Array], before: Mask, now: Mask) -> tuple[Array, Array]:

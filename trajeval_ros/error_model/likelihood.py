@@ -170,6 +170,10 @@ class Likelihood:
         With M the precision of the states by the process alone, that is, of the process,
         ``½ (tᵢᵀ Q tⱼ - gᵢᵀ Λ⁻¹ gⱼ)`` with ``g = ∂M s = Aᵀ t``, and of the jitter ``g = R⁻¹ q``.
         """
+        return self._average_information
+
+    @cached_property
+    def _average_information(self) -> Array:
         found, ahead = self._regressed.average(self._told, self._slopes)
         return np.asarray(0.5 * (found - ahead.T @ self.theta_covariance @ ahead))
 
