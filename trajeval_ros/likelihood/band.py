@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import lapack
+from trajeval_ros import lapack, loops
 from trajeval_ros.likelihood.gaussian import CovarianceError
 from trajeval_ros.likelihood.joint import FactorRows
 
@@ -137,6 +137,16 @@ def _trailing_triangle(band: Array, blocks: int) -> Array:
     return triangle
 
 
+def _whitened(covariance: Array, columns: Array) -> tuple[Array, Array]:
+    """`BandWhitener.update` of blocks that are independent of each other, (n, 6, 6), in C."""
+    white, log_det = np.array(columns, order="C"), np.empty(len(columns))
+    given = np.ascontiguousarray(covariance)
+    wrong = loops.call("sums_whitened", len(columns), columns.shape[-1], given, white, log_det)
+    if wrong:
+        raise CovarianceError(wrong - 1)
+    return white, log_det
+
+
 class BandWhitener:
     """``L^-1 X`` for a covariance ``V = L L^T`` and columns ``X`` that arrive block by block.
 
@@ -170,6 +180,8 @@ class BandWhitener:
             white = np.concatenate([self._white, whitened])
             self._white = white[max(len(white) - blocks.kept * BLOCK, 0) :]
             return whitened.reshape(columns.shape), blocks.log_dets
+        if loops.there() and not self._bandwidth:
+            return _whitened(blocks[:, 0], columns)
         rhs = columns.reshape(n * BLOCK, -1)
         band = lower_band(blocks)
         before = self._factor.shape[0] // BLOCK

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
 
 Array = npt.NDArray[np.float64]
+
+# Columns that the loop in C takes.
+_WIDEST = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +64,10 @@ class Information:
         columns: ``L^-1 [J r]`` with ``V = L L^T``, (m, d + 1). log_det: ``log |V|`` of these.
         """
         dimension = len(self.offset)
-        stacked = np.concatenate(
-            [np.concatenate([self.root, self.offset[:, None]], axis=1), columns]
-        )
-        if len(stacked) <= dimension:
-            stacked = np.concatenate([stacked, np.zeros((1, dimension + 1))])
-        # NumPy's annotation leaves out that mode="r" returns an array alone.
-        triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+        stacked = np.zeros((dimension + max(len(columns), 1), dimension + 1))
+        stacked[:dimension, :dimension], stacked[:dimension, dimension] = self.root, self.offset
+        stacked[dimension : dimension + len(columns)] = columns
+        triangle = _triangle(stacked)
         return Information(
             triangle[:dimension, :dimension],
             triangle[:dimension, dimension],
@@ -119,3 +120,13 @@ class Information:
             self.log_det + 2.0 * float(np.log(diagonal).sum()),
             self.count - len(self.offset),
         )
+
+
+def _triangle(stacked: Array) -> Array:
+    """The upper triangle R with ``R^T R = A^T A``. stacked: A, (m, n), which may be overwritten."""
+    wide = stacked.shape[1]
+    if loops.there() and wide <= _WIDEST:
+        loops.call("sums_triangle", len(stacked), wide, stacked)
+        return stacked[:wide].copy()
+    # NumPy's annotation leaves out that mode="r" returns an array alone.
+    return np.asarray(np.linalg.qr(stacked, mode="r"))
