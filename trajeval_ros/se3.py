@@ -112,7 +112,8 @@ def _logarithm_table() -> Array:
 
 
 _EXPONENTIAL_TABLE = _exponential_table()
-_LOGARITHM_TABLE = _logarithm_table()
+LOGARITHM_TABLE = _logarithm_table()
+"""The Taylor coefficients in |phi|^2 of D, D', of `log` and `left_jacobian_inverse`; (terms, 2)."""
 
 
 def _looped(
@@ -172,7 +173,7 @@ def _exponential_coefficients(x: Array) -> tuple[Array, ...]:
 def _logarithm_coefficients(x: Array) -> tuple[Array, ...]:
     """D, D' at x = |phi|^2, (...); each (..., 1, 1)."""
     small = x < _SERIES_BELOW
-    series = _taylor(np.minimum(x, _SERIES_BELOW), _LOGARITHM_TABLE)
+    series = _taylor(np.minimum(x, _SERIES_BELOW), LOGARITHM_TABLE)
     if small.all():
         return _columns(series)
     x = np.maximum(x, _SERIES_BELOW)
@@ -318,7 +319,7 @@ def exp(xi: Array) -> Array:
     return _pose(np.asarray(_IDENTITY_3 + a * w + b * w2), position[..., 0])
 
 
-@_looped("se3_log", (4, 4), (6,), _LOGARITHM_TABLE)
+@_looped("se3_log", (4, 4), (6,), LOGARITHM_TABLE)
 def log(pose: Array) -> Array:
     """The tangent vector ``Log(T) = (J_l(phi)^-1 t, phi)``, |phi| <= pi: the inverse of `exp`.
 
@@ -391,7 +392,7 @@ def right_jacobian(xi: Array) -> Array:
     return left_jacobian(-xi)
 
 
-@_looped("se3_left_jacobian_inverse", (6,), (6, 6), _LOGARITHM_TABLE)
+@_looped("se3_left_jacobian_inverse", (6,), (6, 6), LOGARITHM_TABLE)
 def left_jacobian_inverse(xi: Array) -> Array:
     """``J_l(xi)^-1``, for which ``Log(Exp(d) Exp(xi)) = xi + J_l(xi)^-1 d`` to first order in d.
 

@@ -20,6 +20,7 @@ from trajeval_ros.alignment.gauge import SE3, Gauge, Similarity
 from trajeval_ros.alignment.observability import Observability, Spread, observability
 from trajeval_ros.likelihood.band import BandFactor, BandWhitener
 from trajeval_ros.likelihood.gaussian import NOTHING, CovarianceError, GaussianLogLikelihood
+from trajeval_ros.likelihood.independent import absorbed, is_for_loops
 from trajeval_ros.likelihood.information import Information
 from trajeval_ros.likelihood.joint import FactorRows
 from trajeval_ros.likelihood.relative import (
@@ -111,7 +112,9 @@ def absolute(
     )
 
 
-def _factor(blocks: Array | FactorRows) -> BandFactor | FactorRows:
+def _factor(blocks: Array | FactorRows) -> BandFactor | FactorRows | Array:
+    if is_for_loops(blocks):
+        return blocks[:, 0]
     return blocks if isinstance(blocks, FactorRows) else BandFactor.of(blocks)
 
 
@@ -265,6 +268,10 @@ class RunningAbsolute:
         centre: Array,
     ) -> None:
         """Add the residuals at the anchor, and their derivatives, to the sums."""
+        if is_for_loops(blocks):
+            poses = ground_truth, estimate, blocks[:, 0]
+            self._information = absorbed(self._information, poses, anchor, self._gauge, centre)
+            return
         aligned = anchor.apply(estimate)
         residual = absolute_residual(ground_truth, aligned)
         if not np.isfinite(residual).all():

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.likelihood.band import BandWhitener
 from trajeval_ros.likelihood.gaussian import NOTHING, CovarianceError, GaussianLogLikelihood
+from trajeval_ros.likelihood.independent import absorbed_columns, is_for_loops
 from trajeval_ros.likelihood.information import Information
 from trajeval_ros.likelihood.joint import FactorRows
 from trajeval_ros.likelihood.relative import block_bandwidth, covariance_blocks, relative_error
@@ -102,8 +103,11 @@ class FirstOrderAbsolute:
         columns = np.empty((n, 6, 7))
         columns[..., :6] = se3.adjoint(se3.inverse(from_reference[-n:]))
         columns[..., 6:] = columns[..., :6] @ shift[-n:, :, None]
-        white, log_det = self._whitener.update(blocks, columns)
-        information = self._information.absorb(white.reshape(-1, 7), float(log_det.sum()))
+        if is_for_loops(blocks):
+            information = absorbed_columns(self._information, blocks[:, 0], columns)
+        else:
+            white, log_det = self._whitener.update(blocks, columns)
+            information = self._information.absorb(white.reshape(-1, 7), float(log_det.sum()))
         # eps_ref = Ad(T_gt_ref^-1 T_gt_last) eps_last - c_last
         change = np.zeros((7, 7))
         change[:6, :6], change[:6, 6], change[6, 6] = to_reference[-1], -shift[-1], 1.0

@@ -24,6 +24,7 @@ from trajeval_ros.likelihood.gaussian import (
     CovarianceError,
     GaussianLogLikelihood,
 )
+from trajeval_ros.likelihood.independent import is_for_loops
 from trajeval_ros.likelihood.innovations import IndependentRecursion, JointRecursion
 from trajeval_ros.likelihood.joint import FactorRows
 
@@ -202,7 +203,10 @@ class RunningRelative:
 
 
 def steps_likelihood(error: Array, adjoint: Array, covariance: Array) -> GaussianLogLikelihood:
-    """``log N(e; 0, Q V Q^T)`` of a window's steps at once, by LAPACK's band Cholesky.
+    """``log N(e; 0, Q V Q^T)`` of a window's steps at once.
+
+    Of independent poses by the loop of `RunningRelative`, where it is there, else by LAPACK's band
+    Cholesky.
 
     error, adjoint: e, (M-1, 6) and A, (M-1, 6, 6), from `relative_error` or `RelativeSteps`.
     covariance: V of the M poses, as in `covariance_blocks`.
@@ -220,6 +224,12 @@ def steps_likelihood(error: Array, adjoint: Array, covariance: Array) -> Gaussia
         return NOTHING
     bandwidth = block_bandwidth(covariance)
     blocks = padded_blocks(covariance, bandwidth)
+    if is_for_loops(blocks):
+        try:
+            own, log_det = IndependentRecursion().update(error, adjoint, blocks)
+        except CovarianceError as wrong:
+            raise CovarianceError(wrong.index + 1) from None
+        return GaussianLogLikelihood(float(own.sum()), float(log_det.sum()), 6 * len(error))
     variances = np.diagonal(blocks[:, 0], axis1=-2, axis2=-1)
     far = (variances > _WIDEST_SPREAD * variances.min(axis=0)).any(axis=-1)
     if far.any():

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Gauge, Similarity
 from trajeval_ros.alignment.umeyama import align_positions
+from trajeval_ros.likelihood import independent
 from trajeval_ros.likelihood.band import BandFactor
 from trajeval_ros.likelihood.information import Information
 from trajeval_ros.likelihood.joint import FactorRows
@@ -76,13 +77,14 @@ _PIECE = 4096
 class Problem:
     """Residuals, whitened, as functions of the alignment.
 
-    ground_truth, estimate: (M, 4, 4). factor: of their covariance. gauge: what is searched.
+    ground_truth, estimate: (M, 4, 4). factor: of their covariance; or, of poses independent of each
+    other where the loops are there, their covariances, (M, 6, 6). gauge: what is searched.
     centre: of the gauge's perturbations, (3,).
     """
 
     ground_truth: Array
     estimate: Array
-    factor: BandFactor | FactorRows
+    factor: BandFactor | FactorRows | Array
     gauge: Gauge
     centre: Array
 
@@ -93,37 +95,48 @@ class Problem:
 
     def residuals(self, alignment: Similarity) -> Array:
         """All residuals alone, (M, 6)."""
-        return np.concatenate([piece.residual(alignment)[0] for piece in self._pieces()])
+        count = len(self.estimate)
+        pieces = (slice(begin, begin + _PIECE) for begin in range(0, count, _PIECE))
+        return np.concatenate(
+            [
+                absolute_residual(self.ground_truth[here], alignment.apply(self.estimate[here]))
+                for here in pieces
+            ]
+        )
 
     def chi2(self, alignment: Similarity) -> float:
         """What is minimised."""
+        if isinstance(self.factor, np.ndarray):
+            poses = self.ground_truth, self.estimate, self.factor
+            return independent.chi2(poses, alignment)
         return sum(
-            float((piece.factor.whiten(piece.residual(alignment)[0]) ** 2).sum())
-            for piece in self._pieces()
+            float((factor.whiten(piece.residual(alignment)[0]) ** 2).sum())
+            for piece, factor in self._pieces(self.factor)
         )
 
     def linearize(self, alignment: Similarity) -> Information:
         """What the residuals, linear about an alignment, say of its perturbation."""
         information = Information.none(self.gauge.dimension)
-        for piece in self._pieces():
+        if isinstance(self.factor, np.ndarray):
+            poses = self.ground_truth, self.estimate, self.factor
+            return independent.absorbed(information, poses, alignment, self.gauge, self.centre)
+        for piece, factor in self._pieces(self.factor):
             residual, aligned = piece.residual(alignment)
             jacobian = self.gauge.jacobian(residual, aligned, self.centre)
             columns = np.concatenate([jacobian, residual[..., None]], axis=-1)
-            information = information.absorb(piece.factor.whiten(columns), piece.factor.log_det)
+            information = information.absorb(factor.whiten(columns), factor.log_det)
         return information
 
-    def _pieces(self) -> "Iterator[Problem]":
+    def _pieces(
+        self, factor: BandFactor | FactorRows
+    ) -> "Iterator[tuple[Problem, BandFactor | FactorRows]]":
         """Poses that are independent of each other a few at a time: a run may be long."""
-        if isinstance(self.factor, FactorRows):
-            yield self
+        if isinstance(factor, FactorRows):
+            yield self, factor
             return
-        for here, factor in self.factor.pieces(_PIECE):
-            yield replace(
-                self,
-                ground_truth=self.ground_truth[here],
-                estimate=self.estimate[here],
-                factor=factor,
-            )
+        for here, part in factor.pieces(_PIECE):
+            truth, estimate = self.ground_truth[here], self.estimate[here]
+            yield replace(self, ground_truth=truth, estimate=estimate), part
 
 
 # The scale never falls below this share of itself in one step.

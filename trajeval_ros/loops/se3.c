@@ -6,6 +6,7 @@
  * that what is not finite spreads as it does there. `table` holds a Taylor series a column.
  */
 #include "loops.h"
+#include "se3.h"
 
 #include <float.h>
 

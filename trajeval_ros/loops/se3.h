@@ -1,0 +1,17 @@
+/* Copyright 2026 The trajeval_ros authors
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * Of `se3.c` what other files call.
+ */
+#ifndef TRAJEVAL_ROS_SE3_H
+#define TRAJEVAL_ROS_SE3_H
+
+#include <stdint.h>
+
+int se3_inverse(const double *poses, double *inverses, int64_t count);
+int se3_adjoint(const double *poses, double *adjoints, int64_t count);
+int se3_log(const double *poses, double *xi, int64_t count, const double *table, int64_t terms);
+int se3_left_jacobian_inverse(const double *xi, double *jacobians, int64_t count,
+                              const double *table, int64_t terms);
+
+#endif
