@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from test_likelihood import PARAMETERS, problem
 
 from trajeval_ros import loops
+from trajeval_ros.error_model import band
 from trajeval_ros.error_model.band import Band, regressed
 from trajeval_ros.error_model.information import Information
 from trajeval_ros.error_model.likelihood import Likelihood
@@ -71,6 +72,17 @@ def test_a_likelihood_is_the_same_by_both(kind):
         same(one, other)
     for one, other in zip(here.whitened(), there.whitened(), strict=True):
         same(one, other)
+
+
+@KINDS
+def test_of_many_poses_the_elimination_is_made_anew_when_it_is_asked_for(kind, monkeypatch):
+    usual = likelihood(kind, 30, 5)
+    monkeypatch.setattr(band, "_FEW", 10)
+    here = likelihood(kind, 30, 5)
+    assert here.value == usual.value
+    np.testing.assert_array_equal(here.theta, usual.theta)
+    np.testing.assert_array_equal(here.scores(), usual.scores())
+    np.testing.assert_array_equal(here.average_information(), usual.average_information())
 
 
 def with_entry(array, index, value):

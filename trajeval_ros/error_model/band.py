@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 _LANES = 4
 _MOST_LANES = 32
 _PARAMETERS = 4
+# Of so many poses an elimination, 15 MB at the most, is kept as it is made.
+_FEW = 5000
 
 
 def regressed(system: System) -> Regressed:
@@ -30,7 +32,11 @@ def regressed(system: System) -> Regressed:
 
 
 class Band:
-    """`Regressed`, in memory of m (2m + c) numbers a pose."""
+    """`Regressed`.
+
+    Of more poses than a few thousand the elimination is kept only once it is asked for, m (2m + c)
+    numbers a pose: where likelihoods are compared, it never is.
+    """
 
     def __init__(self, system: System) -> None:
         """Eliminate the states of one pose after the other.
@@ -41,19 +47,31 @@ class Band:
         count, k = len(system.errors), system.moves.shape[1]
         c, d = system.nuisances.shape[2], system.gauge.shape[2]
         self._columns = c + d
-        lanes = -(-(c + d + 1) // _LANES) * _LANES
-        self._sizes = count, k, c, d, lanes
+        self._sizes = count, k, c, d, -(-(c + d + 1) // _LANES) * _LANES
         contiguous = np.ascontiguousarray
         self._regressors = tuple(
             contiguous(each) for each in (system.nuisances, system.gauge, system.errors)
         )
-        self._weight = np.empty((count, 6, 6))
-        self._kept = np.empty((count, 6 * k, 12 * k + lanes))
-        normal, log_dets = np.empty((lanes, lanes)), np.empty(2)
         self._travel, self._prior = contiguous(system.travel), contiguous(system.prior)
         self._noise = contiguous(system.covariance), contiguous(system.jitter)
         self._moves = contiguous(system.moves)
         self._precision, self._step_noise = contiguous(system.precision), contiguous(system.noise)
+        room = count if count <= _FEW else 2
+        weight, kept, normal, log_dets = self._eliminated(room)
+        self._elimination = (weight, kept) if room == count else None
+        used = self._columns + 1
+        self.normal: Array = normal[:used, :used]
+        self.noise_log_det, self.log_det = (float(each) for each in log_dets)
+
+    def _eliminated(self, room: int) -> tuple[Array, Array, Array, Array]:
+        """R⁻¹ and the elimination of the last ``room`` poses, the normal equations, log |.|."""
+        _, k, _, _, lanes = self._sizes
+        found = (
+            np.empty((room, 6, 6)),
+            np.empty((room, 6 * k, 12 * k + lanes)),
+            np.empty((lanes, lanes)),
+            np.empty(2),
+        )
         failed = loops.call(
             "band_forward",
             *self._noise,
@@ -62,17 +80,20 @@ class Band:
             self._precision,
             self._prior,
             self._travel,
-            self._weight,
-            self._kept,
-            normal,
-            log_dets,
+            *found,
+            room,
             *self._sizes,
         )
         if failed:
             raise np.linalg.LinAlgError("a matrix is not positive definite")
-        used = self._columns + 1
-        self.normal: Array = normal[:used, :used]
-        self.noise_log_det, self.log_det = (float(each) for each in log_dets)
+        return found
+
+    def _all(self) -> tuple[Array, Array]:
+        """The elimination of all poses, and R⁻¹ before it as C takes them."""
+        if self._elimination is None:
+            self._elimination = self._eliminated(self._sizes[0])[:2]
+        weight, kept = self._elimination
+        return kept, weight
 
     def told(self, theta: Array, root: Array) -> Told:
         """What the data say."""
@@ -85,8 +106,7 @@ class Band:
         first = np.empty((2, k, k))
         loops.call(
             "band_backward",
-            self._kept,
-            self._weight,
+            *self._all(),
             *self._regressors,
             ends,
             self._moves,
@@ -109,8 +129,7 @@ class Band:
         found, ahead = np.empty((2 * _PARAMETERS,) * 2), np.empty((lanes, 2 * _PARAMETERS))
         loops.call(
             "band_average",
-            self._kept,
-            self._weight,
+            *self._all(),
             *self._regressors,
             self._noise[1],
             told.states,
@@ -132,6 +151,8 @@ class Band:
             d,
             lanes,
         )
+        if count > _FEW:
+            self._elimination = None  # nothing more is asked of it, most likely
         own = (np.array([[0], [_PARAMETERS]]) + np.arange(p)).ravel()
         return found[np.ix_(own, own)], ahead[: self._columns, own]
 

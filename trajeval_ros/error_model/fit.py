@@ -296,6 +296,8 @@ def _carried(weights: tuple[Array, Array], before: Mask, now: Mask) -> tuple[Arr
 
 def _recorded(stamps: Stamps, truth: Truth) -> Recorded | None:
     good = truth.valid
+    if good.all():
+        return Recorded(stamps, truth.poses, truth.covariances, truth.twists)  # nothing is copied
     if not good.any():
         return None
     return Recorded(stamps[good], truth.poses[good], truth.covariances[good], truth.twists[good])

@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 # the variance, in units of `OBSERVED_STD`, of a direction that the motion does not show.
 _BEYOND_ERRORS = 4.0
 _UNKNOWN = 100.0
+# Squares are summed over so many poses at a time, which lie in the processor's cache.
+_PART = 500
 
 
 def shown(
@@ -50,9 +52,12 @@ def _directions(information: Array, jitter: Array, data: Data, gauge: Array) -> 
     weight = 1.0 / (noise + data.measured * jitter)
     # How much the columns vary beyond what an alignment takes up, weighted; and how much they would
     # if they were errors.
-    both = np.concatenate([gauge, data.nuisances], axis=2)
-    flat = both.reshape(-1, both.shape[2])
-    squares = flat.T @ (flat * np.repeat(weight, 3, axis=1).reshape(-1, 1))
+    squares = np.zeros((6 + COUNT, 6 + COUNT))
+    for first in range(0, len(gauge), _PART):
+        part = slice(first, first + _PART)
+        both = np.concatenate([gauge[part], data.nuisances[part]], axis=2)
+        flat = both.reshape(-1, 6 + COUNT)
+        squares += flat.T @ (flat * np.repeat(weight[part], 3, axis=1).reshape(-1, 1))
     taken = squares[6:, :6] @ np.linalg.pinv(squares[:6, :6], hermitian=True) @ squares[:6, 6:]
     errors = np.zeros(COUNT)
     errors[2:5] = 2.0 * noise[:, 1] @ weight[:, 0]

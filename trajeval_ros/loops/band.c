@@ -252,7 +252,7 @@ LOOPS_PART void noise_of(const double *covariance, const double *jitter, int64_t
 LOOPS_PART int forward(const double *covariance, const double *jitter, const Columns *columns,
                        const double *moves, const double *precision, const double *prior,
                        const double *travel, double *weight, double *kept, double *normal,
-                       double *log_dets, int64_t count, int64_t k, int64_t lanes)
+                       double *log_dets, int64_t room, int64_t count, int64_t k, int64_t lanes)
 {
     const int64_t m = POSE * k, width = 2 * m + lanes, wide = 2 * POSE + lanes;
     double noise[POSE * (2 * POSE + MOST_LANES)], pushed[STATES * STATES], one[STATES * STATES];
@@ -264,7 +264,7 @@ LOOPS_PART int forward(const double *covariance, const double *jitter, const Col
     memset(kept, 0, sizeof(double) * (size_t)(m * width));
     add_groups(first, kept, k, width);
     for (int64_t i = 0; i < count; i++) {
-        double *rows = kept + i * m * width, *w = weight + i * POSE * POSE;
+        double *rows = kept + i % room * m * width, *w = weight + i % room * POSE * POSE;
         /* [R | 1 | K] -> [N | E | G]; R^-1 = E' E, R^-1 K = E' G. */
         noise_of(covariance, jitter, i, noise, wide);
         unit(noise + POSE, POSE, wide);
@@ -283,7 +283,7 @@ LOOPS_PART int forward(const double *covariance, const double *jitter, const Col
         }
         for (int64_t r = 0; r < POSE; r++)
             add(rows + r * width, 1.0, w + r * POSE, POSE);
-        double *next = rows + m * width;
+        double *next = kept + (i + 1) % room * m * width;
         Step step;
         if (i + 1 < count) {
             step = step_of(moves, precision, travel, i, count - 1, k);
@@ -323,22 +323,24 @@ LOOPS_PART int forward(const double *covariance, const double *jitter, const Col
  *
  * covariance: V (N, 6, 6). jitter: (N, 2), by group. nuisances, gauge, errors: (N, 6, c), (N, 6, d)
  * and (N, 6). moves, precision: F and Q^-1 (2, k, k, N - 1). prior: of the first states, (2, k, k).
- * travel: (N - 1, 3). weight: R^-1 (N, 6, 6). kept: [U | X | f] (N, m, 2 m + lanes). normal: the
- * normal equations without the states, (lanes, lanes). log_dets: of R and of Lambda, (2).
+ * travel: (N - 1, 3). weight: R^-1 (room, 6, 6), and kept: [U | X | f] (room, m, 2 m + lanes), which
+ * have room for all poses, or for two at the least. normal: the normal equations without the states,
+ * (lanes, lanes). log_dets: of R and of Lambda, (2).
  * Returns 1 where one of them is not positive definite.
  */
 LOOPS_WIDE int band_forward(const double *covariance, const double *jitter, const double *nuisances,
                             const double *gauge, const double *errors, const double *moves,
                             const double *precision, const double *prior, const double *travel,
                             double *weight, double *kept, double *normal, double *log_dets,
-                            int64_t count, int64_t k, int64_t c, int64_t d, int64_t lanes)
+                            int64_t room, int64_t count, int64_t k, int64_t c, int64_t d,
+                            int64_t lanes)
 {
     const Columns columns = {nuisances, gauge, errors, c, d};
     if (k == 1)
         return forward(covariance, jitter, &columns, moves, precision, prior, travel, weight, kept,
-                       normal, log_dets, count, 1, lanes);
+                       normal, log_dets, room, count, 1, lanes);
     return forward(covariance, jitter, &columns, moves, precision, prior, travel, weight, kept,
-                   normal, log_dets, count, 2, lanes);
+                   normal, log_dets, room, count, 2, lanes);
 }
 
 /* U^-T B of B (m, width) in place; U (m, m) upper, its rows ``stride`` apart. */
