@@ -129,8 +129,8 @@ class Filtered:
 
     def smoothed(self, columns: Array) -> Array:
         """The processes of columns (N, 3, c)."""
-        whitened, found = self._whitened(columns), np.empty(columns.shape)
-        self._of_columns("chain_smooth_others", columns, whitened, found)
+        found = self._whitened(columns)
+        self._of_columns("chain_smooth_others", columns, found)
         return found
 
     def _whitened(self, columns: Array) -> Array:
@@ -139,9 +139,9 @@ class Filtered:
         self._of_columns("chain_whiten", columns, found)
         return found
 
-    def _of_columns(self, name: str, columns: Array, *others: Array) -> None:
+    def _of_columns(self, name: str, columns: Array, found: Array) -> None:
         lanes = columns.shape[1] * columns.shape[2]
-        given = self._filtered.view(np.float64), np.ascontiguousarray(columns), *others
+        given = self._filtered.view(np.float64), np.ascontiguousarray(columns), found
         loops.call(name, self._count, lanes, *given, np.empty((2, lanes)))
 
     def gradient(self) -> Array:

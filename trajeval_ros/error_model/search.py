@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.error_model.axes import Axes
 from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import climb, penalised
@@ -156,8 +157,11 @@ class _Search:
             columns.insert(1, gauge)
             self._precision = np.concatenate([data.precision, np.zeros(6)])
         # (2, N, 3, c + 1), the errors last.
-        both = np.concatenate(columns, axis=2).reshape(len(data.times), 2, 3, -1)
-        self._both = np.ascontiguousarray(both.swapaxes(0, 1))
+        count, ends = len(data.times), np.cumsum([each.shape[2] for each in columns])
+        self._both = np.empty((2, count, 3, int(ends[-1])))
+        for each, end in zip(columns, ends, strict=True):
+            part = self._both[..., end - each.shape[2] : end]
+            part[...] = each.reshape(count, 2, 3, -1).swapaxes(0, 1)
         variance = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
         intervals = np.diff(data.times)
         self._series = [
@@ -219,12 +223,14 @@ class _Search:
 
     def _rotation_first(self, theta: Array, chain: Callable[[int, Series], Axes]) -> list[Axes]:
         """The ``chain`` of each group's errors, given the nuisances; headings turn translations."""
-        residual = self._both[..., -1] - self._both[..., :-1] @ theta
+        flat = self._both.reshape(-1, len(theta) + 1)
+        residual = (flat @ np.append(-theta, 1.0)).reshape(2, -1, 3)
         found: list[Axes] = []
         for g in (1, 0):
             errors = residual[g]
             if g == 0 and self._kind is not Kind.WANDER:
-                errors = errors + self._turned(found[0].states[:, 0].T[..., None])[..., 0]
+                heading = np.ascontiguousarray(found[0].states[:, 0].T)
+                errors = self._turned(heading[..., None], errors[..., None])[..., 0]
             errors = np.ascontiguousarray(errors.T)
             found.insert(0, chain(g, replace(self._series[g], errors=errors)))
         return found
@@ -295,21 +301,29 @@ class _Search:
 
     def _normals(self, places: list[Axes]) -> list[Array]:
         """The normal equations (c + 1, c + 1) of each group, the errors last."""
-        normals: list[Array] = []
-        heading = None
-        for g in (1, 0):
-            both = self._both[g] if heading is None else self._both[g] + heading
-            normals.insert(0, places[g].products(both))
-            if g == 1 and self._kind is not Kind.WANDER:
-                heading = self._turned(places[g].smoothed(both))
-        return normals
+        positions, rotations = self._both
+        of_rotations = places[1].products(rotations)
+        if self._kind is not Kind.WANDER:
+            positions = self._turned(places[1].smoothed(rotations), positions)
+        return [places[0].products(positions), of_rotations]
 
-    def _turned(self, rotation: Array) -> Array:
-        """What rotations (N, 3, m) have moved positions by until each pose."""
-        moved = np.zeros_like(rotation)
+    def _turned(self, rotations: Array, positions: Array) -> Array:
+        """Positions (N, 3, m) and what ``rotations`` of that shape have moved them by until there.
+
+        They take the place of the rotations.
+        """
+        if loops.there():
+            travel, work = (
+                np.ascontiguousarray(self._data.travel),
+                np.empty((3, rotations.shape[2])),
+            )
+            given = travel, np.ascontiguousarray(positions), rotations, work
+            loops.call("chain_turn", len(rotations), rotations.shape[2], *given)
+            return rotations
+        moved = np.zeros_like(rotations)
         travel = self._data.travel.T[..., None]
-        x, y, z = rotation[:-1].swapaxes(0, 1)
+        x, y, z = rotations[:-1].swapaxes(0, 1)
         moved[1:, 0] = travel[1] * z - travel[2] * y
         moved[1:, 1] = travel[2] * x - travel[0] * z
         moved[1:, 2] = travel[0] * y - travel[1] * x
-        return np.cumsum(moved, axis=0)
+        return np.asarray(positions + np.cumsum(moved, axis=0))

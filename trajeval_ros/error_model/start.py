@@ -85,8 +85,9 @@ def _correlations(
     """Of ``speed`` (n,) with ``truth`` (m,), interpolated at each offset; 0 where none varies."""
     correlation = np.zeros(len(offsets))
     if loops.there():
-        given = map(np.ascontiguousarray, (when, speed, when_truth, truth, offsets, correlation))
-        loops.call("correlations", len(when), len(truth), len(offsets), *given)
+        given = map(np.ascontiguousarray, (when, speed, when_truth, truth, offsets))
+        counts, work = (len(when), len(truth), len(offsets)), np.empty(len(truth))
+        loops.call("correlations", *counts, *given, correlation, work)
         return correlation
     for i, lag in enumerate(offsets):
         inside = (when + lag >= when_truth[0]) & (when + lag <= when_truth[-1])

@@ -445,12 +445,13 @@ int chain_whiten(int64_t count, int64_t lanes, const Filtered *filtered,
     return 0;
 }
 
-/* What their process is, as each pose's neighbours tell it: values less their share of the noise,
- * smoothed (N, lanes). work: (2, lanes). */
+/* What the process of values (N, lanes) is, as each pose's neighbours tell it: values less their share
+ * of the noise. whitened (N, lanes): by `chain_whiten`, in whose place it is written. work: (2,
+ * lanes). */
 LOOPS_WIDE
 int chain_smooth_others(int64_t count, int64_t lanes, const Filtered *filtered,
-                        const double *restrict values, const double *restrict whitened,
-                        double *restrict smoothed, double *restrict work)
+                        const double *restrict values, double *restrict whitened,
+                        double *restrict work)
 {
     double *restrict const felt = work, *restrict const later = work + lanes;
     memset(work, 0, 2 * lanes * sizeof *work);
@@ -459,14 +460,45 @@ int chain_smooth_others(int64_t count, int64_t lanes, const Filtered *filtered,
         const int step = i + 1 < count;
         const double g0 = at->gain[0], g1 = at->gain[1], root = sqrt(at->precision);
         const double f = step ? at->f : 0.0, c = step ? at->c : 0.0, a = step ? at->a : 0.0;
-        const double *restrict z = values + i * lanes, *restrict white = whitened + i * lanes;
-        double *restrict to = smoothed + i * lanes;
+        const double r = at->noise;
+        const double *restrict z = values + i * lanes;
+        double *restrict to = whitened + i * lanes;
         for (int64_t x = 0; x < lanes; x++) {
             const double back0 = f * felt[x], back1 = c * felt[x] + a * later[x];
-            const double score = root * white[x] - g0 * back0 - g1 * back1;
-            to[x] = z[x] - at->noise * score;
+            const double score = root * to[x] - g0 * back0 - g1 * back1;
+            to[x] = z[x] - r * score;
             felt[x] = score + back0;
             later[x] = back1;
+        }
+    }
+    return 0;
+}
+
+/* Positions (N, 3, columns) and, beside them, what rotations (N, 3, columns) have moved them by until
+ * each pose, on the way: travel (N - 1, 3). Written in place of the rotations. work: (3, columns). */
+LOOPS_WIDE
+int chain_turn(int64_t count, int64_t columns, const double *restrict travel,
+               const double *restrict positions, double *restrict rotations,
+               double *restrict work)
+{
+    double *restrict const sum0 = work, *restrict const sum1 = work + columns;
+    double *restrict const sum2 = work + 2 * columns;
+    memset(work, 0, 3 * columns * sizeof *work);
+    for (int64_t i = 0; i < count; i++) {
+        const int step = i + 1 < count;
+        const double t0 = step ? travel[3 * i] : 0.0, t1 = step ? travel[3 * i + 1] : 0.0;
+        const double t2 = step ? travel[3 * i + 2] : 0.0;
+        const double *restrict p = positions + 3 * i * columns;
+        double *restrict r0 = rotations + 3 * i * columns, *restrict r1 = r0 + columns;
+        double *restrict r2 = r1 + columns;
+        for (int64_t x = 0; x < columns; x++) {
+            const double a = r0[x], b = r1[x], c = r2[x];
+            r0[x] = p[x] + sum0[x];
+            r1[x] = p[columns + x] + sum1[x];
+            r2[x] = p[2 * columns + x] + sum2[x];
+            sum0[x] += t1 * c - t2 * b;
+            sum1[x] += t2 * a - t0 * c;
+            sum2[x] += t0 * b - t1 * a;
         }
     }
     return 0;

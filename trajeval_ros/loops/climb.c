@@ -101,14 +101,15 @@ static inline double nats(double square, double rest, double factor, double kapp
 static inline double likeliest(double square, double rest, double own, double now, double kappa,
                                double rare, double *gain)
 {
-    own = fmax(own, 1e-300);
-    square /= own;
-    rest /= own;
+    const double scale = 1.0 / fmax(own, 1e-300);
+    square *= scale;
+    rest *= scale;
+    *gain = 0.0;
     const double half = 0.5 * (square - (3.0 + 4.0 * kappa) * rest);
     const double below = half * half - 2.0 * kappa * rare * rest * rest;
-    double factor = (half + sqrt(fmax(below, 0.0))) / rare;
-    *gain = 0.0;
-    if (!(below > 0.0 && factor > 1.0)) {
+    /* The larger root, if there is one beyond 1. */
+    double factor = half > 0.0 && below > 0.0 ? (half + sqrt(below)) / rare : 1.0;
+    if (!(factor > 1.0)) {
         factor = 1.0;
         if (now == 1.0)
             return 1.0;

@@ -8,6 +8,8 @@
 #include "loops.h"
 #include "solve.h"
 
+static const double ROUND_OFF = 1e-12;
+
 /* The k-th smallest of a (n,), to its place, with none larger before it (Hoare, Wirth). */
 static double selected(int64_t n, int64_t k, double *a)
 {
@@ -122,13 +124,27 @@ int nonnegative(int64_t m, int64_t size, const double *normal, const double *rig
     return 0;
 }
 
+static double mean_of(int64_t n, const double *values)
+{
+    double sum = 0.0;
+    for (int64_t i = 0; i < n; i++)
+        sum += values[i];
+    return n ? sum / (double)n : 0.0;
+}
+
 /* Pearson's correlation of speeds (n,) at times (n,) with others (m,) at their times (m,), which are
  * interpolated where they are later by each of the offsets (lags,); both increase. Zero where either
- * does not vary, or there are none. */
+ * does not vary, or there are none. work: (m,). */
 int correlations(int64_t n, int64_t m, int64_t lags, const double *times, const double *speeds,
                  const double *other_times, const double *others, const double *offsets,
-                 double *found)
+                 double *found, double *work)
 {
+    /* About their means, that the sums of products keep their digits. */
+    const double own = mean_of(n, speeds), other = mean_of(m, others);
+    double *const slopes = work;
+    slopes[m - 1] = 0.0;
+    for (int64_t i = 0; i + 1 < m; i++)
+        slopes[i] = (others[i + 1] - others[i]) / (other_times[i + 1] - other_times[i]);
     for (int64_t l = 0; l < lags; l++) {
         double count = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
         int64_t at = 0;
@@ -138,24 +154,22 @@ int correlations(int64_t n, int64_t m, int64_t lags, const double *times, const 
                 continue;
             if (!(time <= other_times[m - 1]))
                 break;
-            while (at + 2 < m && other_times[at + 1] <= time)
+            while (at + 1 < m && other_times[at + 1] <= time)
                 at++;
-            double there = others[0];
-            if (m > 1) {
-                const double slope =
-                    (others[at + 1] - others[at]) / (other_times[at + 1] - other_times[at]);
-                there = others[at] + slope * (time - other_times[at]);
-            }
-            /* From the first on: means and products of what is left (Welford). */
+            const double here = speeds[i] - own;
+            const double there = others[at] + slopes[at] * (time - other_times[at]) - other;
             count += 1.0;
-            const double dx = speeds[i] - x, dy = there - y;
-            x += dx / count;
-            y += dy / count;
-            xx += dx * (speeds[i] - x);
-            yy += dy * (there - y);
-            xy += dx * (there - y);
+            x += here;
+            y += there;
+            xx += here * here;
+            xy += here * there;
+            yy += there * there;
         }
-        found[l] = xx > 0.0 && yy > 0.0 ? xy / sqrt(xx * yy) : 0.0;
+        const double share = count > 0.0 ? 1.0 / count : 0.0;
+        const double a = xx - share * x * x, b = yy - share * y * y;
+        /* What round-off leaves of a series that does not vary is no variance. */
+        const int varies = a > ROUND_OFF * xx && b > ROUND_OFF * yy;
+        found[l] = varies ? (xy - share * x * y) / sqrt(a * b) : 0.0;
     }
     return 0;
 }
