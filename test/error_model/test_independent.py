@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which poses count where the ground truth is sampled more rarely, and what is named then."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from error_model.test_fit import DRIFT, nuisance_scores
@@ -11,6 +13,7 @@ from twins.runs import motion
 
 from performance.error_model import drawn, erring
 from trajeval_ros import se3
+from trajeval_ros.error_model.at_samples import fit_independent
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.independent import MOST, counted, independent
 from trajeval_ros.error_model.nuisances import Nuisances, Truth
@@ -18,6 +21,7 @@ from trajeval_ros.error_model.process import Kind
 
 SECOND = 1_000_000_000
 DURATION = 90
+SAMPLES = np.arange(DURATION + 1) * SECOND
 
 
 def nearest_to(stamps, samples):
@@ -104,13 +108,45 @@ def seen(seed, nuisances):
 )
 def test_between_rare_samples_nothing_is_named_that_is_not_there(nuisances):
     scores = []
-    samples = np.arange(DURATION + 1) * SECOND
-    for seed in range(8):
+    for seed in range(6):
         stamps, poses = seen(seed, nuisances)
-        chosen = independent(stamps, nearest_to(stamps, samples))
-        found = fit(stamps[chosen], poses[chosen], rarely_sampled)
+        found = fit_independent(stamps, poses, nearest_to(stamps, SAMPLES), rarely_sampled)
         assert found is not None
-        assert found.poses == len(np.unique(nearest_to(stamps, samples)))
+        assert DURATION - 3 <= found.poses <= DURATION
         scores.append(nuisance_scores(found, nuisances))
     assert np.abs(scores).max() < 4.0
     assert 0.6 < np.std(scores) < 1.3
+
+
+def test_what_the_ground_truth_says_between_rare_samples_does_not_matter():
+    def turned_back(stamps):
+        known = rarely_sampled(stamps)
+        shift = known.twists * (0.3 * np.sin(2 * np.pi * stamps / SECOND))[:, None]
+        return replace(known, poses=known.poses @ se3.exp(-shift), twists=-0.9 * known.twists)
+
+    nuisances = Nuisances(0.02, 0.0, np.eye(4), 1.0)
+    stamps, poses = seen(3, nuisances)
+    nearest = nearest_to(stamps, SAMPLES)
+    found = fit_independent(stamps, poses, nearest, turned_back)
+    assert (np.abs(nuisance_scores(found, nuisances)) < 4.0).all()
+
+
+def test_more_poses_to_a_sample_change_nothing_where_all_of_them_count():
+    stamps, poses = seen(1, Nuisances.none())
+    known = rarely_sampled(stamps)
+    one, other = (
+        fit_independent(stamps, poses, stamps, rarely_sampled, known, most=500),
+        fit(stamps[::4], poses[::4], rarely_sampled),
+    )
+    np.testing.assert_allclose(one.nuisances.vector, other.nuisances.vector, rtol=1e-9, atol=1e-12)
+
+
+def test_an_estimate_with_too_few_poses_around_the_samples_has_one_of_each():
+    """In bursts of eight, between which no sample's stamp can be interpolated."""
+    stamps, poses = seen(2, Nuisances.none())
+    burst = (stamps % SECOND > 0.3 * SECOND) & (stamps % SECOND < 0.7 * SECOND)
+    stamps, poses = stamps[burst], poses[burst]
+    nearest = nearest_to(stamps, SAMPLES)
+    found = fit_independent(stamps, poses, nearest, rarely_sampled)
+    assert found is not None
+    assert found.poses == len(np.unique(nearest))

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits of a window and of blocks: the same however poses come, in bounded memory; clock changes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from error_model.test_fit import DRIFT, ask, estimate
@@ -71,6 +73,23 @@ def test_how_poses_are_cut_into_batches_changes_nothing():
         assert first.log_likelihood == pytest.approx(second.log_likelihood, rel=1e-9)
     # Of the 201 poses of ten seconds, the last lies beyond what is recorded, by the offset.
     assert one.window.poses == 200
+
+
+def test_neither_where_the_ground_truth_is_rare():
+    stamps, found = estimate(Kind.DRIFT, DRIFT, OFFSET, count=2400)
+    whole = poses(stamps, found)
+    samples = np.arange(0, int(stamps[-1]) + SECOND, SECOND // 2)
+    nearest = samples[np.abs(stamps[:, None] - samples).argmin(axis=1)]
+    whole = replace(whole, nearest=nearest)
+    one, other = running(whole, []), running(whole, [1, 7, 399, 400, 402, 1750])
+    # Of each half second, two poses count towards a block.
+    assert one.blocks == other.blocks == 2
+    assert one.run.poses == other.run.poses
+    assert 190 < one.run.poses < 205
+    np.testing.assert_allclose(
+        one.run.nuisances.vector, other.run.nuisances.vector, rtol=1e-9, atol=1e-12
+    )
+    assert abs(one.run.nuisances.clock_offset - 0.02) < 4.0 * one.run.std[0]
 
 
 def test_blocks_together_say_what_the_whole_says():

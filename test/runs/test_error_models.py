@@ -30,16 +30,15 @@ def test_a_gap_of_the_ground_truth_is_no_jump_of_the_estimate() -> None:
     assert abs(jitter["value"] - 4e-3) < 4.0 * jitter["std"]
 
 
-def test_of_a_rare_ground_truth_one_pose_a_sample_counts() -> None:
+def test_of_a_rare_ground_truth_the_samples_count() -> None:
     run = simulated(5, 60.0, rates=(1.0, 20.0))
     result = te.evaluate(
         te.Trajectory(run.ground_truth.stamps, poses_of(run.ground_truth)),
         te.Trajectory(run.estimate.stamps, poses_of(run.estimate)),
     )
-    stamps, samples = result.poses.stamps, run.ground_truth.stamps
-    nearest = np.abs(stamps[:, None] - samples).argmin(axis=1)
-    assert len(stamps) > 1000
-    assert result.summary["error_model"]["poses"] == len(np.unique(nearest))
+    assert len(result.poses.stamps) > 1000
+    samples = len(run.ground_truth.stamps)
+    assert samples - 4 <= result.summary["error_model"]["poses"] <= samples
 
 
 def test_poses_too_far_apart_to_ask_between() -> None:

@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The poses whose ground truth errs independently, where it is sampled more rarely than they come.
 
-A fit takes the ground truth's errors for independent from pose to pose. Those of poses between the
-same two samples are nearly one: counted as many, they are known too well, and what they have in
-common is taken for a clock or a lever arm. So of the poses of each sample the nearest one counts:
-its error is mostly the sample's own.
+Of the poses of each sample it is the nearest one, whose error is mostly the sample's own.
 """
 
 from __future__ import annotations

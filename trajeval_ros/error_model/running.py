@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.error_model.at_samples import fit_independent
 from trajeval_ros.error_model.changes import Stretch, clock_changes
-from trajeval_ros.error_model.fit import fit
-from trajeval_ros.error_model.independent import counted, independent
+from trajeval_ros.error_model.independent import counted
 from trajeval_ros.error_model.model import ErrorModel, Figure
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.observed import unobserved
@@ -27,7 +27,6 @@ from trajeval_ros.error_model.recorded import Recorded
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
-Indices = npt.NDArray[np.intp]
 
 # A fit is of every k-th pose of a stretch, so that it is of no more than this.
 MOST = 1000
@@ -60,17 +59,11 @@ class Poses:
         """Number of poses."""
         return len(self.truth.stamps)
 
-    def __getitem__(self, index: slice | Indices) -> Poses:
+    def __getitem__(self, index: slice) -> Poses:
         """Some of them."""
         t = self.truth
         kept = (t.stamps[index], t.poses[index], t.covariances[index], t.twists[index])
         return Poses(Recorded(*kept), self.estimate[index], self.nearest[index])
-
-    @property
-    def independent(self) -> Poses:
-        """Those that count in a fit."""
-        chosen = independent(self.truth.stamps, self.nearest)
-        return self if len(chosen) == len(self) else self[chosen]
 
     @staticmethod
     def joined(parts: list[Poses]) -> Poses:
@@ -88,9 +81,9 @@ class Poses:
 
 def fit_poses(poses: Poses) -> ErrorModel | None:
     """The error model of a stretch, by what was answered at its poses."""
-    kept = poses.independent
-    kept = kept[:: -(-len(kept) // MOST)]
-    return fit(kept.truth.stamps, kept.estimate, poses.truth.at, kept.truth.at(kept.truth.stamps))
+    truth = poses.truth
+    known = truth.at(truth.stamps)
+    return fit_independent(truth.stamps, poses.estimate, poses.nearest, truth.at, known, MOST)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.alignment.gauge import GAUGES, Gauge
-from trajeval_ros.error_model.fit import fit
+from trajeval_ros.error_model.at_samples import fit_independent
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Truth
@@ -116,9 +116,9 @@ def error_models(engine: Engine, name: str, kept: WholeRun, *, whole: bool) -> d
     def truth(asked: npt.NDArray[np.int64]) -> Truth:
         return engine.truth(asked, name)
 
-    poses = poses_of(kept.evaluations, offset).independent
+    poses = poses_of(kept.evaluations, offset)
     stamps = poses.truth.stamps
-    run = fit(stamps, poses.estimate, truth, poses.truth.at(stamps))
+    run = fit_independent(stamps, poses.estimate, poses.nearest, truth, poses.truth.at(stamps))
     if run is not None:
         found["run"] = _named(run, WHOLE)
     return found
