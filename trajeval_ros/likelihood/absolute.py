@@ -180,7 +180,7 @@ class RunningAbsolute:
         """
         if self._anchor is None:
             return NOTHING
-        if not self.observability.scale_observed:
+        if not self._scale_is_observed:
             return None
         delta = self._optimum()
         matrix = self._gauge.rebase(delta, np.zeros(3))
@@ -217,6 +217,11 @@ class RunningAbsolute:
             known = information, spread, observability(self._gauge, spread, std)
             self._observed = known
         return known[2]
+
+    @property
+    def _scale_is_observed(self) -> bool:
+        """That of `observability`, which is not worked out for a gauge without a scale."""
+        return not self._gauge.has_scale or self.observability.scale_observed
 
     def update(self, ground_truth: Array, covariance: Array | FactorRows, estimate: Array) -> None:
         """Take the next poses.
@@ -288,7 +293,7 @@ class RunningAbsolute:
         information, spread = self._information, self._spread
         known = self._best
         if known is None or known[0] is not information or known[1] is not spread:
-            if self.observability.scale_observed:
+            if self._scale_is_observed:
                 best = best_perturbation(self._gauge, information)
             else:
                 leading = information.leading(information.dimension - 1)

@@ -8,11 +8,14 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from importlib import import_module
 from typing import Any
 
 from trajeval_ros.runs.beside import Outcome, Work, outcome_of
 
 _HANDED_OVER = 1e-4  # s
+# What the core loads where it first needs it: 0.1 s in which messages would wait.
+_LATER = ("csv", "scipy.linalg.lapack", "scipy.special")
 
 
 class Beside:
@@ -51,6 +54,11 @@ class Beside:
         outcome, took = future.result()
         work.take(outcome)
         return took
+
+
+def loading() -> Work:
+    """Have what is needed later loaded, once all is there to receive."""
+    return Work(lambda: [import_module(name) for name in _LATER], lambda loaded: None)
 
 
 def _done(do: Callable[[], Any]) -> tuple[Outcome, float]:

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.any_message import AnyInput
-from trajeval_ros.node.beside import Beside
+from trajeval_ros.node.beside import Beside, loading
 from trajeval_ros.node.clock import JumpDetector, LeftOver, StampClock
 from trajeval_ros.node.compared import Compared
 from trajeval_ros.node.diagnostics import Status, check_ending
@@ -147,6 +147,7 @@ class Evaluator(Node):
         )
         if self._session.error is not None:
             self.get_logger().error(self._session.error)
+        self._searches.start(loading)
 
     def work(self) -> float:
         """Do what is due, and return for how long there is nothing to do (s)."""

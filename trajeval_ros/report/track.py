@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.online.results import Results
+from trajeval_ros.online.results import Evaluations, Results
 
 Array = npt.NDArray[np.float64]
 
@@ -32,6 +32,9 @@ FIELDS = np.dtype(
     ]
 )
 
+# So many poses are taken in at once.
+_BATCH = 64
+
 Records = npt.NDArray[np.void]
 
 
@@ -48,16 +51,30 @@ class Track:
         # Of so many poses, two are kept.
         self._group = 2
         self._pending: Records = np.empty(0, FIELDS)
+        self._waiting: list[tuple[Evaluations, float | None]] = []
+        self._waiting_poses = 0
         self._first: Records = np.empty(0, FIELDS)
         self._newest: Records = np.empty(0, FIELDS)
         self._count = 0
         self._chi2 = 0.0
 
     def add(self, results: Results) -> None:
-        """Take in evaluated poses, later than all before them."""
+        """Take in evaluated poses, later than all before them.
+
+        They wait for others: a batch costs hardly more than a pose.
+        """
         if len(results.evaluations) == 0:
             return
-        records = self._records(results)
+        self._waiting.append((results.evaluations, results.absolute_log_likelihood))
+        self._waiting_poses += len(results.evaluations)
+        if self._waiting_poses >= _BATCH:
+            self._take_in()
+
+    def _take_in(self) -> None:
+        if not self._waiting:
+            return
+        records = np.concatenate([self._records(*each) for each in self._waiting])
+        self._waiting, self._waiting_poses = [], 0
         if not len(self._first):
             self._first = records[:1].copy()
         self._newest = records[-1:].copy()
@@ -74,8 +91,7 @@ class Track:
                 self._group *= 2
         self._pending = waiting
 
-    def _records(self, results: Results) -> Records:
-        evaluations, total = results.evaluations, results.absolute_log_likelihood
+    def _records(self, evaluations: Evaluations, total: float | None) -> Records:
         records = np.empty(len(evaluations.stamps), FIELDS)
         absolute = evaluations.absolute_error
         chi2 = self._chi2 + np.cumsum(evaluations.chi2)
@@ -95,6 +111,7 @@ class Track:
 
     def poses(self) -> Records:
         """Those that are kept so far, in the order of time."""
+        self._take_in()
         rest = self._pending
         if len(rest) > 2:
             rest = _largest(rest, len(rest))
