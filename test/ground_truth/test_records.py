@@ -90,6 +90,32 @@ def test_ten_thousand_samples_have_the_slope_of_their_differences():
         assert gradient[i] == pytest.approx(difference / 2e-4, rel=1e-5, abs=1e-2)
 
 
+@pytest.mark.parametrize("kernels", [KERNELS, (Matern52(), SquaredExponential())])
+def test_sets_of_records_are_as_each_by_itself(kernels):
+    rng = np.random.default_rng(10)
+    records = [record(rng, count) for count in (5, 48, 17, 30, 6, 48, 2)]
+    sets = [1, 0, 1, 2, 0, 2, 2]
+    natural = USUAL[: 2 * len(kernels) + 1] + rng.normal(0.0, 0.3, (3, 2 * len(kernels) + 1))
+    together = Likelihood(kernels, records, sets)(natural)
+    for number in range(3):
+        places = [place for place, each in enumerate(sets) if each == number]
+        alone = Likelihood(kernels, [records[place] for place in places])(natural[number])
+        np.testing.assert_allclose(together.values[places], alone.values, rtol=1e-12)
+        np.testing.assert_allclose(together.fits[places], alone.fits, rtol=1e-12)
+        np.testing.assert_allclose(together.gradient[number], alone.gradient, rtol=1e-10)
+        np.testing.assert_allclose(together.information[number], alone.information, rtol=1e-10)
+    assert together.value == pytest.approx(together.values.sum())
+
+
+@built
+def test_a_set_that_is_impossible_leaves_the_others():
+    records = [record(np.random.default_rng(11), count) for count in (9, 9, 12)]
+    found = Likelihood(KERNELS, records, [0, 1, 0])(np.array([USUAL, np.full(9, np.nan)]))
+    alone = Likelihood(KERNELS, [records[0], records[2]])(USUAL)
+    assert found.values[[0, 2]].tolist() == alone.values.tolist()
+    assert found.values[1] == found.value == -np.inf
+
+
 @built
 def test_other_kernels_are_dense_with_the_loop_too():
     records = [record(np.random.default_rng(5), 20)]

@@ -54,34 +54,33 @@ class Point:
         self,
         model: Model,
         grid: Grid,
-        parts: Sequence[tuple[Regime, Likelihood]],
+        regimes: Sequence[Regime],
+        likelihood: Likelihood,
         theta: Array,
     ) -> None:
-        """Work out the value alone; ``parts``: the likelihoods of the records in each regime."""
+        """Work out the value alone; ``likelihood``: of sets of records, each in its regime."""
         self.theta = theta
-        natural = [model.natural(regime.of(theta), grid) for regime, _ in parts]
+        natural = [model.natural(regime.of(theta), grid) for regime in regimes]
         prior, self._slope, self._prior_curvature = model.log_prior(theta, grid)
-        self._fits = [
-            (likelihood(values), jacobian)
-            for (_, likelihood), (values, jacobian) in zip(parts, natural, strict=True)
-        ]
-        self.value = math.fsum(fit.value for fit, _ in self._fits) + prior
+        self._jacobians = np.array([jacobian for _, jacobian in natural])
+        self._fit = likelihood(np.array([values for values, _ in natural]))
+        self.value = self._fit.value + prior
 
     @cached_property
     def gradient(self) -> Array:
         """The gradient, where the value is finite; (p,)."""
-        slopes = [jacobian.T @ fit.gradient for fit, jacobian in self._fits]
-        return np.asarray(sum(slopes, self._slope))
+        slopes = self._fit.gradient[:, None] @ self._jacobians
+        return np.asarray(self._slope + slopes.sum(axis=(0, 1)))
 
     @cached_property
     def curvature(self) -> Array:
         """About the negative second derivative, positive semidefinite, likewise; (p, p)."""
-        information = sum(jacobian.T @ fit.information @ jacobian for fit, jacobian in self._fits)
+        turned = self._jacobians.swapaxes(1, 2) @ self._fit.information @ self._jacobians
         # The information leaves out what the slope adds. In σ and n, every other parameter, only
         # the squares count, and a slope g in their logarithm means a second derivative of 2 g.
         squares = np.zeros(len(self.theta))
         squares[::2] = np.maximum(2.0 * (self._slope - self.gradient)[::2], 0.0)
-        return np.asarray(information + np.diag(self._prior_curvature + squares))
+        return np.asarray(turned.sum(axis=0) + np.diag(self._prior_curvature + squares))
 
 
 class Posterior:
@@ -98,19 +97,13 @@ class Posterior:
         self._model = model
         self._grid = grid
         each = regimes or [USUAL] * len(records)
-        self._parts = [
-            (
-                regime,
-                Likelihood(
-                    model.kernels, [r for r, x in zip(records, each, strict=True) if x == regime]
-                ),
-            )
-            for regime in sorted(set(each))
-        ]
+        self._regimes = sorted(set(each))
+        sets = [self._regimes.index(regime) for regime in each]
+        self._likelihood = Likelihood(model.kernels, records, sets)
 
     def __call__(self, theta: Array) -> Point:
         """Return what is known at ``theta``."""
-        return Point(self._model, self._grid, self._parts, theta)
+        return Point(self._model, self._grid, self._regimes, self._likelihood, theta)
 
 
 def maximum(posterior: Posterior, start: Array, bounds: Array) -> Point:
@@ -233,22 +226,25 @@ def _regimes(model: Model, grid: Grid, records: Sequence[Record], theta: Array) 
     found = [USUAL] * len(records)
     if not len(doubtful):
         return found
-    likelihood = Likelihood(model.kernels, [records[i] for i in doubtful])
-    known: dict[Regime, Array] = {}
 
-    def values(regime: Regime) -> Array:
-        if regime not in known:
-            fit = likelihood(model.natural(regime.of(theta), grid)[0])
-            known[regime] = fit.values + regime.log_prior
-        return known[regime]
+    def values(tried: Sequence[Sequence[Regime]]) -> Array:
+        """Of the doubtful records, in so many regimes each; (regimes, records)."""
+        regimes = list(dict.fromkeys(regime for row in tried for regime in row))
+        sets = [regimes.index(regime) for row in tried for regime in row]
+        several = [records[i] for i in doubtful] * len(tried)
+        natural = np.array([model.natural(regime.of(theta), grid)[0] for regime in regimes])
+        fit = Likelihood(model.kernels, several, sets)(natural)
+        prior = np.array([regime.log_prior for regime in regimes])
+        return np.asarray((fit.values + prior[sets]).reshape(len(tried), -1))
 
     # The motion first, then the noise with it.
-    moving = np.array([values(Regime(motion)) for motion in _MOTIONS]).argmax(axis=0)
-    for i, (record, most) in enumerate(zip(doubtful, moving, strict=True)):
-        motion = _MOTIONS[most]
-        best = max(
-            (Regime(motion, noise) for noise in (0, *_NOISES)), key=lambda regime: values(regime)[i]
-        )
-        if values(best)[i] > usual.values[record] + _CLEARLY:
-            found[record] = best
+    motions = values([[Regime(motion)] * len(doubtful) for motion in _MOTIONS])
+    most = [_MOTIONS[i] for i in motions.argmax(axis=0)]
+    noises = values([[Regime(motion, noise) for motion in most] for noise in _NOISES])
+    both = np.vstack([motions.max(axis=0), noises])
+    best = both.argmax(axis=0)
+    clear = both.max(axis=0) > usual.values[doubtful] + _CLEARLY
+    for i, (record, motion) in enumerate(zip(doubtful, most, strict=True)):
+        if clear[i]:
+            found[record] = Regime(motion, (0, *_NOISES)[best[i]])
     return found

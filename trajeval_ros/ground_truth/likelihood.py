@@ -59,32 +59,48 @@ class Record:
 class Likelihood:
     """The sum of the log-likelihoods of many records, as a function of the hyperparameters.
 
-    These are ``log_parameters`` (2k + 1,): log σ and log l of each of k kernels, and at last log n.
+    These are ``log_parameters`` (2k + 1,): log σ and log l of each of k kernels, and at last log n;
+    or (s, 2k + 1), a row for each of s sets of records that have their own.
     """
 
-    def __init__(self, kernels: tuple[Kernel, ...], records: Sequence[Record]) -> None:
-        """Take at least one record; all have the same number of coordinates."""
-        counts = np.array([len(record.times) for record in records])
-        coordinates = records[0].values.shape[1]
-        freedom = coordinates * (counts - 1)
-        nu = DEGREES_OF_FREEDOM
-        constants = [
-            math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu) - 0.5 * d * math.log(nu * math.pi)
-            for d in freedom.tolist()
-        ]
-        self._shape = _Shape(coordinates, counts, freedom, np.array(constants))
-        self._data: _Markov | _Dense
+    def __init__(
+        self,
+        kernels: tuple[Kernel, ...],
+        records: Sequence[Record],
+        sets: Sequence[int] | None = None,
+    ) -> None:
+        """Take at least one record; all have the same number of coordinates.
+
+        ``sets``: whose row each record takes, from the first to the last of these; without it, all
+        the first one's.
+        """
+        each = np.zeros(len(records), dtype=np.int64) if sets is None else np.array(sets)
+        self._shape = _Shape.of(records)
+        self._markov: _Markov | None = None
+        self._dense: list[tuple[npt.NDArray[np.intp], _Shape, _Dense]] = []
         matern = [kernel for kernel in kernels if isinstance(kernel, Matern)]
         if loops.there() and len(matern) == len(kernels):
-            self._data = _Markov(matern, records)
+            self._markov = _Markov(matern, records, each)
         else:
-            self._data = _Dense(kernels, records)
+            # Sets of the same records have the same matrices but for σ.
+            known: dict[tuple[int, ...], _Dense] = {}
+            for number in range(int(each.max()) + 1):
+                places = np.flatnonzero(each == number)
+                those = [records[i] for i in places.tolist()]
+                same = tuple(map(id, those))
+                data = known[same] = known.get(same) or _Dense(kernels, those)
+                self._dense.append((places, _Shape.of(those), data))
 
     def __call__(self, log_parameters: Array) -> Fit:
         """Return the log-likelihood, whose slope and information can then be asked for."""
-        if isinstance(self._data, _Markov):
-            return _MarkovFit(self._shape, self._data, log_parameters)
-        return _DenseFit(self._shape, self._data, log_parameters)
+        if self._markov is not None:
+            return _MarkovFit(self._shape, self._markov, log_parameters)
+        rows = np.atleast_2d(log_parameters)
+        fits = [
+            (places, _DenseFit(shape, data, row))
+            for (places, shape, data), row in zip(self._dense, rows, strict=True)
+        ]
+        return fits[0][1] if log_parameters.ndim == 1 else _Fits(self._shape, fits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +114,19 @@ class _Shape:
     counts: npt.NDArray[np.int64]
     freedom: npt.NDArray[np.int64]
     constants: Array
+
+    @staticmethod
+    def of(records: Sequence[Record]) -> _Shape:
+        """That of these."""
+        counts = np.array([len(record.times) for record in records])
+        coordinates = records[0].values.shape[1]
+        freedom = coordinates * (counts - 1)
+        nu = DEGREES_OF_FREEDOM
+        constants = [
+            math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu) - 0.5 * d * math.log(nu * math.pi)
+            for d in freedom.tolist()
+        ]
+        return _Shape(coordinates, counts, freedom, np.array(constants))
 
 
 class Fit(ABC):
@@ -130,21 +159,47 @@ class Fit(ABC):
     @property
     @abstractmethod
     def gradient(self) -> Array:
-        """The slope, where K is positive definite; (2k + 1,)."""
+        """The slope, where K is positive definite; (..., 2k + 1), of each set."""
 
     @property
     @abstractmethod
     def information(self) -> Array:
-        """The average information, where K is positive definite; (2k + 1, 2k + 1)."""
+        """The average information, where K is positive definite; (..., 2k + 1, 2k + 1)."""
+
+
+class _Fits(Fit):
+    """Those of sets of records, each given by its places among all."""
+
+    def __init__(self, shape: _Shape, fits: Sequence[tuple[npt.NDArray[np.intp], Fit]]) -> None:
+        """Put the records back to their places."""
+        super().__init__(shape)
+        self._fits = [fit for _, fit in fits]
+        for places, fit in fits:
+            self.values[places], self.fits[places] = fit.values, fit.fits
+        self.value = math.fsum(self.values)
+
+    @property
+    def gradient(self) -> Array:
+        return np.stack([fit.gradient for fit in self._fits])
+
+    @property
+    def information(self) -> Array:
+        return np.stack([fit.information for fit in self._fits])
 
 
 class _Markov:
     """Records one after the other, as the loop takes them: ``order`` (m,), the longest first."""
 
-    def __init__(self, kernels: Sequence[Matern], records: Sequence[Record]) -> None:
+    def __init__(
+        self,
+        kernels: Sequence[Matern],
+        records: Sequence[Record],
+        sets: npt.NDArray[np.int64],
+    ) -> None:
         """As a :class:`Likelihood`."""
         self.order = np.argsort([-len(record.times) for record in records], kind="stable")
         records = [records[i] for i in self.order]
+        self.sets = np.ascontiguousarray(sets[self.order])
         self.orders = np.array([len(kernel.coefficients) for kernel in kernels])
         self.rates = np.array([kernel.rate for kernel in kernels])
         self.begins = np.cumsum([0, *(len(record.times) for record in records)])
@@ -175,6 +230,7 @@ class _MarkovFit(Fit):
         super().__init__(shape)
         self._data = data
         natural = np.exp(log_parameters)
+        self._rows = natural.shape
         self._arguments = (
             data.begins,
             len(shape.counts),
@@ -183,23 +239,25 @@ class _MarkovFit(Fit):
             data.variances,
             shape.coordinates,
             data.orders,
-            data.rates / natural[1:-1:2],
-            natural[:-1:2] ** 2,
             len(data.orders),
-            float(natural[-1]) ** 2,
+            data.sets,
+            data.rates / natural[..., 1:-1:2],
+            natural[..., :-1:2] ** 2,
+            natural[..., -1:] ** 2,
         )
         work, found = np.empty(data.room_for_values), np.empty((len(shape.counts), 2))
-        if not loops.call("record_values", *self._arguments, work, found):
-            found[data.order] = found.copy()
-            self._take(found[:, 0], found[:, 1])
+        loops.call("record_values", *self._arguments, work, found)
+        found[data.order] = found.copy()
+        self._take(found[:, 0], found[:, 1])
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
         """The gradient and the information."""
-        size = 2 * len(self._data.orders) + 1
-        gradient, information = np.empty(size), np.empty((size, size))
+        *sets, size = self._rows
+        gradient, information = np.empty(self._rows), np.empty((*self._rows, size))
         work, nu = np.empty(self._data.room_for_slopes), DEGREES_OF_FREEDOM
-        loops.call("record_slopes", *self._arguments, nu, work, gradient, information)
+        several = math.prod(sets)
+        loops.call("record_slopes", *self._arguments, several, nu, work, gradient, information)
         return gradient, information
 
     @property

@@ -35,7 +35,7 @@
  * Products u with dK/dtheta are sums over the samples before and those after, whose powers
  * t_m = sum phi_m(a) alpha go on as Phi' does; and u' K^-1 u of two is had from their v.
  *
- * Four records are gone through side by side, one a lane. One that has ended, or that is not there,
+ * Four records are gone through side by side, one a lane, each with hyperparameters of its own. One that has ended, or that is not there,
  * has samples that tell nothing: 1 / S is zero.
  */
 #include "loops.h"
@@ -50,22 +50,23 @@ typedef double Lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alia
 /* Terms of the series of the last moment: more than are left above round-off at FAR. */
 #define TERMS 256
 
-/* The kernels: b of each, rate / l, sigma^2; and what follows from these. Of b numbers a kernel
- * has there are rank, of b + 1 powers, of 2 b - 1 moments, of b^2 squares. */
+/* The kernels, b of each, and what they are to records side by side, each of which has its own
+ * rate / l, sigma^2 and n^2. Of b numbers a kernel has there are rank, of b + 1 powers, of 2 b - 1
+ * moments, of b^2 squares. */
 typedef struct {
     int64_t kernels, rank, powers, moments, squares;
     const int64_t *orders;
-    const double *rates, *variances;
-    double *intensity; /* (squares): Q_ij per moment 2 b - 2 - i - j */
-    double *value;     /* (powers): of k in t_m */
-    double *slope;     /* (powers): of dk/dlog l in t_m */
-    double *inverse;   /* 1 / m */
+    Lanes *noise;     /* n^2 */
+    Lanes *rates;     /* (kernels) */
+    Lanes *intensity; /* (squares): Q_ij per moment 2 b - 2 - i - j */
+    Lanes *value;     /* (powers): of k in t_m */
+    Lanes *slope;     /* (powers): of dk/dlog l in t_m */
+    double *inverse;  /* 1 / m */
 } Sum;
 
 /* The samples of records side by side. */
 typedef struct {
     int64_t count, coordinates, begins[LANES], counts[LANES];
-    double noise;  /* n^2 */
     Lanes *apart;  /* (n): s, from the sample before; 0 at the first */
     Lanes *values; /* (n, 1 + c): 1 and x */
     Lanes *noises; /* (n): R */
@@ -194,11 +195,10 @@ LOOPS_PART void observe(const Sum *sum, const Lanes *rows, int64_t columns, Lane
 /* How many of 1 / m are asked for. */
 LOOPS_PART int64_t inverses(const Sum *sum) { return 2 * sum->rank + TERMS + 1; }
 
-/* What the kernels are, at *work; without it their sizes alone. */
-LOOPS_PART Sum prepared(const int64_t *orders, const double *rates, const double *variances,
-                        int64_t kernels, double **work)
+/* Room for what the kernels are, at *work; without it their sizes alone. */
+LOOPS_PART Sum prepared(const int64_t *orders, int64_t kernels, double **work)
 {
-    Sum sum = {.kernels = kernels, .orders = orders, .rates = rates, .variances = variances};
+    Sum sum = {.kernels = kernels, .orders = orders};
     for (int64_t k = 0; k < kernels; ++k) {
         sum.rank += orders[k];
         sum.squares += orders[k] * orders[k];
@@ -206,36 +206,61 @@ LOOPS_PART Sum prepared(const int64_t *orders, const double *rates, const double
     sum.powers = sum.rank + kernels;
     sum.moments = 2 * sum.rank - kernels;
     if (!work) return sum;
-    double *intensity = sum.intensity = allotted(work, sum.squares);
-    double *value = sum.value = allotted(work, sum.powers);
-    double *slope = sum.slope = allotted(work, sum.powers);
+    sum.noise = allotted_lanes(work, 1);
+    sum.rates = allotted_lanes(work, kernels);
+    sum.intensity = allotted_lanes(work, sum.squares);
+    sum.value = allotted_lanes(work, sum.powers);
+    sum.slope = allotted_lanes(work, sum.powers);
     sum.inverse = allotted(work, inverses(&sum));
     sum.inverse[0] = 0.0;
     for (int64_t m = 1; m < inverses(&sum); ++m) sum.inverse[m] = 1.0 / (double)m;
-    for (int64_t k = 0; k < kernels; ++k) {
-        const int64_t order = orders[k], last = order - 1;
+    return sum;
+}
+
+/* What the kernels are to the records r, r + 1, ...: those beyond the last are as the last. */
+LOOPS_PART void tell(const Sum *sum, const int64_t *sets, int64_t records, int64_t r,
+                     const double *rates, const double *variances, const double *noises)
+{
+    Lanes *intensity = sum->intensity, *value = sum->value, *slope = sum->slope;
+    const Lanes one = {1.0, 1.0, 1.0, 1.0};
+    int64_t set[LANES];
+    for (int64_t l = 0; l < LANES; ++l) {
+        set[l] = sets[r + l < records ? r + l : records - 1];
+        (*sum->noise)[l] = noises[set[l]];
+    }
+    for (int64_t k = 0; k < sum->kernels; ++k) {
+        const int64_t order = sum->orders[k], last = order - 1;
+        Lanes variance;
+        for (int64_t l = 0; l < LANES; ++l) {
+            sum->rates[k][l] = rates[set[l] * sum->kernels + k];
+            variance[l] = variances[set[l] * sum->kernels + k];
+        }
         /* (i + j)! / (i! j!), counted from the last, by Pascal's rule. */
         for (int64_t i = last; i >= 0; --i)
-            for (int64_t j = last; j >= 0; --j)
-                intensity[i * order + j] = i == last || j == last
-                                               ? 1.0
-                                               : intensity[(i + 1) * order + j] +
-                                                     intensity[i * order + j + 1];
+            for (int64_t j = last; j >= 0; --j) {
+                Lanes *here = intensity + i * order + j;
+                if (i == last || j == last)
+                    *here = one;
+                else
+                    *here = here[order] + here[1];
+            }
         /* Q_00 at infinity is sigma^2. */
-        const double q = variances[k] * ldexp(1.0, (int)(2 * last + 1)) / intensity[0];
+        const Lanes q = variance * ldexp(1.0, (int)(2 * last + 1)) / intensity[0];
         for (int64_t j = 0; j < order * order; ++j) intensity[j] *= q;
-        value[0] = variances[k];
-        slope[0] = 0.0;
+        value[0] = variance;
+        clear(slope, 1);
         for (int64_t m = 1; m <= order; ++m) {
             const double fewer = (double)(last - m + 1);
-            value[m] = m > last ? 0.0 : value[m - 1] * 2.0 * fewer / ((double)last + fewer);
+            if (m > last)
+                clear(value + m, 1);
+            else
+                value[m] = value[m - 1] * (2.0 * fewer / ((double)last + fewer));
             slope[m] = (double)m * (value[m - 1] - value[m]);
         }
         intensity += order * order;
         value += order + 1;
         slope += order + 1;
     }
-    return sum;
 }
 
 /* phi (b + 1) and the moments (2 b - 1) of one kernel's step a. */
@@ -304,7 +329,7 @@ LOOPS_PART void step_all(const Sum *sum, const Samples *samples, int64_t i, Lane
 /* P += Q. */
 LOOPS_PART void disturb(const Sum *sum, const Lanes *moments, Lanes *predicted)
 {
-    const double *intensity = sum->intensity;
+    const Lanes *intensity = sum->intensity;
     for (int64_t k = 0; k < sum->kernels; ++k) {
         const int64_t order = sum->orders[k], last = 2 * order - 2;
         for (int64_t i = 0; i < order; ++i)
@@ -319,7 +344,7 @@ LOOPS_PART void disturb(const Sum *sum, const Lanes *moments, Lanes *predicted)
 /* found (kernels) += tr(Lambda Q) of each kernel. */
 LOOPS_PART void trace(const Sum *sum, const Lanes *moments, const Lanes *lambda, Lanes *found)
 {
-    const double *intensity = sum->intensity;
+    const Lanes *intensity = sum->intensity;
     for (int64_t k = 0; k < sum->kernels; ++k) {
         const int64_t order = sum->orders[k], last = 2 * order - 2;
         Lanes total = found[k];
@@ -343,10 +368,10 @@ LOOPS_PART const Lanes *entry(const Lanes *matrix, int64_t i, int64_t j, int64_t
 /* Records r, r + 1, ... side by side, at *work. */
 LOOPS_PART Samples taken(const int64_t *begins, int64_t records, int64_t r, const double *times,
                          const double *values, const double *variances, int64_t coordinates,
-                         double noise, double **work)
+                         const Lanes *noise, double **work)
 {
     const int64_t columns = 1 + coordinates;
-    Samples samples = {.coordinates = coordinates, .noise = noise};
+    Samples samples = {.coordinates = coordinates};
     for (int64_t l = 0; l < LANES && r + l < records; ++l) {
         samples.begins[l] = begins[r + l];
         samples.counts[l] = begins[r + l + 1] - begins[r + l];
@@ -362,7 +387,7 @@ LOOPS_PART Samples taken(const int64_t *begins, int64_t records, int64_t r, cons
             const int64_t at = samples.begins[l] + i;
             samples.there[i][l] = there;
             samples.apart[i][l] = there && i ? times[at] - times[at - 1] : 0.0;
-            samples.noises[i][l] = there ? noise + variances[at] : 1.0;
+            samples.noises[i][l] = there ? (*noise)[l] + variances[at] : 1.0;
             samples.values[i * columns][l] = 1.0;
             for (int64_t j = 0; j < coordinates; ++j)
                 samples.values[i * columns + 1 + j][l] =
@@ -396,8 +421,8 @@ LOOPS_PART void innovate(const Sum *sum, const Lanes *gain, Lanes *means, int64_
     for (int64_t i = 0; i < sum->rank; ++i) add(means + i * columns, v, gain + i, columns);
 }
 
-/* Go through the records; sums log S in log_det; return one where a K is not positive definite. */
-LOOPS_PART int filter(const Sum *sum, const Samples *samples, Filter *f, double *log_det)
+/* Go through the records; the sums of log S in log_det, infinity where K is not definite. */
+LOOPS_PART void filter(const Sum *sum, const Samples *samples, Filter *f, double *log_det)
 {
     const int64_t rank = sum->rank, columns = 1 + samples->coordinates;
     clear(f->updated, rank * rank);
@@ -422,8 +447,7 @@ LOOPS_PART int filter(const Sum *sum, const Samples *samples, Filter *f, double 
         for (int64_t k = 0, at = 0; k < sum->kernels; at += sum->orders[k++]) spread += gain[at];
         for (int64_t l = 0; l < LANES; ++l) {
             if (i >= samples->counts[l]) continue;
-            if (!(spread[l] > 0.0 && spread[l] < INFINITY)) return 1;
-            log_det[l] += log(spread[l]);
+            log_det[l] += spread[l] > 0.0 ? log(spread[l]) : INFINITY;
         }
         const Lanes precision = f->precisions[i] = samples->there[i] / spread;
         for (int64_t k = 0, at = 0; k < sum->kernels; at += sum->orders[k++])
@@ -437,7 +461,6 @@ LOOPS_PART int filter(const Sum *sum, const Samples *samples, Filter *f, double 
         innovate(sum, gain, f->means, columns, samples->values + i * columns,
                  f->innovations + i * columns);
     }
-    return 0;
 }
 
 /* Take the means from the innovations: 1' K^-1 1, and x' Pi x. */
@@ -522,13 +545,13 @@ LOOPS_PART void smooth(const Sum *sum, const Samples *samples, const Filter *f, 
         turn_rows(backward, sum, f->phi + i * sum->powers, state, columns);
         turn_twice(backward, sum, f->phi + i * sum->powers, lambda, lambda);
     }
-    const double *intensity = sum->intensity;
+    const Lanes *intensity = sum->intensity;
     for (int64_t k = 0; k < kernels; ++k) {
         intensity += sum->orders[k] * sum->orders[k];
         traces[2 * k] = 2.0 * signals[k];
         traces[2 * k + 1] = lengths[k] + ends[k] * intensity[-1];
     }
-    traces[2 * kernels] = 2.0 * samples->noise * noise;
+    traces[2 * kernels] = 2.0 * *sum->noise * noise;
 }
 
 /* The products u (n, c, p) of dK/dtheta with Pi x, and 1' K^-1 dK/dtheta K^-1 1, ones (p); those
@@ -540,7 +563,7 @@ LOOPS_PART void multiply(const Sum *sum, const Samples *samples, const Filter *f
     const int64_t order = sum->orders[k];
     int64_t at = 0;
     for (int64_t m = 0; m < k; ++m) at += sum->orders[m] + 1;
-    const double *value = sum->value + at, *slope = sum->slope + at;
+    const Lanes *value = sum->value + at, *slope = sum->slope + at;
     Lanes *t = allotted_lanes(&work, (order + 1) * columns);
     for (int64_t i = 0; i < samples->count; ++i) {
         const Lanes *here = alpha + i * columns;
@@ -582,7 +605,7 @@ LOOPS_PART void multiply(const Sum *sum, const Samples *samples, const Filter *f
 int64_t record_room(const int64_t *orders, int64_t kernels, int64_t coordinates, int64_t count,
                     int64_t slopes)
 {
-    const Sum sum = prepared(orders, 0, 0, kernels, 0);
+    const Sum sum = prepared(orders, kernels, 0);
     const int64_t columns = 1 + coordinates, size = 2 * kernels + 1, rank = sum.rank;
     const int64_t rows = slopes ? count : 1;
     int64_t lanes = count * (3 + columns);
@@ -596,55 +619,63 @@ int64_t record_room(const int64_t *orders, int64_t kernels, int64_t coordinates,
         lanes += back > forth ? back : forth;
         lanes += products;
     }
-    return sum.squares + 2 * sum.powers + inverses(&sum) + LANES * lanes;
+    lanes += 1 + kernels + sum.squares + 2 * sum.powers;
+    return inverses(&sum) + LANES * lanes;
 }
 
-/* Each record's log|K| + log 1' K^-1 1 and x' Pi x, found (records, 2); return one where a K is
+/* Each record's log|K| + log 1' K^-1 1 and x' Pi x, found (records, 2), infinity both where K is
  * not positive definite. The samples of record r are those from begins[r] on, begins (records + 1);
- * times (n), values (n, c), variances (n), orders, rates, kernel_variances (kernels). Records of
- * one length go well side by side. */
+ * times (n), values (n, c), variances (n); orders (kernels). Its hyperparameters are those of the
+ * row sets[r], sets (records), of rates and kernel_variances (sets, kernels) and noises (sets), n^2.
+ * Records of one length go well side by side. */
 LOOPS_WIDE
 int record_values(const int64_t *begins, int64_t records, const double *times,
                   const double *values, const double *variances, int64_t coordinates,
-                  const int64_t *orders, const double *rates, const double *kernel_variances,
-                  int64_t kernels, double noise, double *work, double *found)
+                  const int64_t *orders, int64_t kernels, const int64_t *sets,
+                  const double *rates, const double *kernel_variances, const double *noises,
+                  double *work, double *found)
 {
-    const Sum sum = prepared(orders, rates, kernel_variances, kernels, &work);
+    const Sum sum = prepared(orders, kernels, &work);
     for (int64_t r = 0; r < records; r += LANES) {
         double *rest = work, log_det[LANES];
+        tell(&sum, sets, records, r, rates, kernel_variances, noises);
         const Samples samples =
-            taken(begins, records, r, times, values, variances, coordinates, noise, &rest);
+            taken(begins, records, r, times, values, variances, coordinates, sum.noise, &rest);
         Filter f = placed(&sum, &samples, 0, &rest);
-        if (filter(&sum, &samples, &f, log_det)) return 1;
+        filter(&sum, &samples, &f, log_det);
         Lanes information, squares;
         centre(&samples, &f, &information, &squares);
         for (int64_t l = 0; l < LANES && r + l < records; ++l) {
-            found[2 * (r + l)] = log_det[l] + log(information[l]);
-            found[2 * (r + l) + 1] = squares[l];
+            const int definite = log_det[l] < INFINITY && information[l] > 0.0;
+            found[2 * (r + l)] = definite ? log_det[l] + log(information[l]) : INFINITY;
+            found[2 * (r + l) + 1] = definite ? squares[l] : INFINITY;
         }
     }
     return 0;
 }
 
-/* The sums over the records of the slope of log p, gradient (p), and of its average information
- * (p, p), with `freedom` degrees; K is positive definite, and the rest as of record_values. */
+/* The sums over the records of each set of the slope of log p, gradient (sets, p), and of its
+ * average information (sets, p, p), with `freedom` degrees; K is positive definite, `many` the
+ * number of sets, and the rest as of record_values. */
 LOOPS_WIDE
 int record_slopes(const int64_t *begins, int64_t records, const double *times,
                   const double *values, const double *variances, int64_t coordinates,
-                  const int64_t *orders, const double *rates, const double *kernel_variances,
-                  int64_t kernels, double noise, double freedom, double *work, double *gradient,
+                  const int64_t *orders, int64_t kernels, const int64_t *sets,
+                  const double *rates, const double *kernel_variances, const double *noises,
+                  int64_t many, double freedom, double *work, double *gradient,
                   double *information)
 {
-    const Sum sum = prepared(orders, rates, kernel_variances, kernels, &work);
+    const Sum sum = prepared(orders, kernels, &work);
     const int64_t size = 2 * kernels + 1, columns = coordinates * size;
-    memset(gradient, 0, (size_t)size * sizeof(double));
-    memset(information, 0, (size_t)(size * size) * sizeof(double));
+    memset(gradient, 0, (size_t)(many * size) * sizeof(double));
+    memset(information, 0, (size_t)(many * size * size) * sizeof(double));
     for (int64_t r = 0; r < records; r += LANES) {
         double *rest = work, log_det[LANES];
+        tell(&sum, sets, records, r, rates, kernel_variances, noises);
         const Samples samples =
-            taken(begins, records, r, times, values, variances, coordinates, noise, &rest);
+            taken(begins, records, r, times, values, variances, coordinates, sum.noise, &rest);
         Filter f = placed(&sum, &samples, 1, &rest);
-        if (filter(&sum, &samples, &f, log_det)) return 1;
+        filter(&sum, &samples, &f, log_det);
         Lanes mean_information, squares;
         centre(&samples, &f, &mean_information, &squares);
         Lanes *alpha = allotted_lanes(&rest, samples.count * (1 + coordinates));
@@ -655,11 +686,12 @@ int record_slopes(const int64_t *begins, int64_t records, const double *times,
         clear(ones, size);
         for (int64_t k = 0; k < kernels; ++k)
             multiply(&sum, &samples, &f, k, alpha, u, ones, rest);
+        const Lanes twice = 2.0 * *sum.noise;
         for (int64_t i = 0; i < samples.count; ++i) {
             const Lanes *here = alpha + i * (1 + coordinates);
-            ones[size - 1] += 2.0 * noise * here[0] * here[0];
+            ones[size - 1] += twice * here[0] * here[0];
             for (int64_t j = 0; j < coordinates; ++j)
-                u[i * columns + (j + 1) * size - 1] = 2.0 * noise * here[1 + j];
+                u[i * columns + (j + 1) * size - 1] = twice * here[1 + j];
         }
 
         /* x' Pi dK/dtheta Pi x; then the u go through the filter as x did. */
@@ -690,16 +722,18 @@ int record_slopes(const int64_t *begins, int64_t records, const double *times,
             const double held = freedom + squares[l], single = mean_information[l];
             const double free = freedom + (double)(coordinates * (samples.counts[l] - 1));
             const double weight = 0.5 * free / held;
+            double *slope = gradient + sets[r + l] * size;
+            double *square = information + sets[r + l] * size * size;
             for (int64_t p = 0; p < size; ++p) {
-                gradient[p] += weight * explained[p][l] -
-                               0.5 * (double)coordinates * (traces[p][l] - ones[p][l] / single);
+                slope[p] += weight * explained[p][l] -
+                            0.5 * (double)coordinates * (traces[p][l] - ones[p][l] / single);
                 for (int64_t q = 0; q <= p; ++q) {
                     double found = products[p * size + q][l];
                     found -= explained[p][l] * explained[q][l] / held;
                     for (int64_t j = 0; j < coordinates; ++j)
                         found -= projected[j * size + p][l] * projected[j * size + q][l] / single;
-                    information[p * size + q] += weight * found;
-                    if (q < p) information[q * size + p] += weight * found;
+                    square[p * size + q] += weight * found;
+                    if (q < p) square[q * size + p] += weight * found;
                 }
             }
         }
