@@ -2,15 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The error model against positions: against a dense twin, and in simulation."""
 
+from contextlib import nullcontext
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.error_model.positions import _Data, fit_positions
 from trajeval_ros.error_model.process import Kind
+from trajeval_ros.likelihood.gaussian import CovarianceError
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -90,6 +96,41 @@ def test_in_simulation_what_was_put_in_comes_out(kind: Kind, gauge: str) -> None
     assert 0.5 < np.std(scores) < 1.5
     assert np.abs(jitters).max() < 4.0
     assert np.abs(sizes).max() < 4.0
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@pytest.mark.parametrize("kind", [Kind.DRIFT, Kind.WANDER])
+@settings(max_examples=30, deadline=None)
+@given(count=st.integers(2, 60), unknowns=st.integers(4, 31), seed=st.integers(0, 999))
+def test_whitened_columns_are_the_same_by_a_filter(
+    kind: Kind, count: int, unknowns: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    roots = rng.normal(size=(count, 3, 3))
+    data = _Data(
+        rng.normal(size=(count, 3, unknowns + 1)),
+        roots @ np.swapaxes(roots, 1, 2),
+        rng.uniform(1e-3, 2.0, count - 1),
+        np.zeros((4, unknowns + 1)),
+        0.0,
+    )
+    data.columns[..., :3] = -np.eye(3)
+    logs = rng.uniform(-2.0, 1.0, len(kind.names))
+    white, log_det = data.whitened(kind, logs)
+    with loops.left_out():
+        expected, expected_log_det = data.whitened(kind, logs)
+    np.testing.assert_allclose(white, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    assert log_det == pytest.approx(expected_log_det, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", [Kind.DRIFT, Kind.WANDER])
+@pytest.mark.parametrize("without", [nullcontext, loops.left_out])
+def test_a_covariance_that_is_none_is_named(kind: Kind, without: Any) -> None:
+    covariance = np.tile(np.eye(3), (9, 1, 1))
+    covariance[4] = -50.0 * np.eye(3)
+    data = _Data(np.ones((9, 3, 8)), covariance, np.ones(8), np.zeros((4, 8)), 0.0)
+    with without(), pytest.raises(CovarianceError):
+        data.whitened(kind, np.zeros(len(kind.names)))
 
 
 @pytest.mark.parametrize("kind", [Kind.DRIFT, Kind.WANDER])

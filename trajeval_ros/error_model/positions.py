@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.alignment.gauge import Gauge
 from trajeval_ros.error_model.nuisances import Ask
 from trajeval_ros.error_model.process import Kind
@@ -54,6 +55,8 @@ _BEYOND_CHANCE = 1.92
 _STEP = 0.03
 # What the data do not tell has no standard deviation: e-fold.
 _TOLD = 1.0
+# Columns that the loop in C takes.
+_WIDEST = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +102,10 @@ class _Data:
         Those of a walk are differences, M - 1 of them, which contain no translation.
         """
         jitter, size = np.exp(2.0 * logs[:2])
+        unknowns = self.columns.shape[2] - (3 if kind is Kind.DRIFT else 0)
+        if loops.there() and unknowns <= _WIDEST:
+            time = 0.0 if kind is Kind.DRIFT else float(np.exp(logs[2]))
+            return self._filtered(float(jitter), float(size), time, unknowns)
         noise = self.covariance + jitter * np.eye(3)
         walks = kind is Kind.DRIFT
         keep = np.ones_like(self.gaps) if walks else np.exp(-self.gaps * np.exp(-logs[2]))
@@ -114,6 +121,22 @@ class _Data:
             columns = np.concatenate([self.columns[:1], columns])
             here = np.concatenate([noise[:1] + size * np.eye(3), here])
         return whitened(here, before, columns)
+
+    def _filtered(
+        self, jitter: float, size: float, time: float, unknowns: int
+    ) -> tuple[Array, float]:
+        """The same by a Kalman filter; time: 0 of a walk."""
+        count = len(self.columns)
+        white = np.empty((3 * (count if time > 0.0 else count - 1), unknowns))
+        log_det = np.empty(1)
+        arrays = self.columns, self.covariance, self.gaps
+        width = self.columns.shape[2]
+        wrong = loops.call(
+            "band_positions", *arrays, white, log_det, count, width, unknowns, jitter, size, time
+        )
+        if wrong:
+            raise CovarianceError(wrong - 1)
+        return white, float(log_det[0])
 
     def information(self, kind: Kind, logs: Array) -> Information:
         """What they say of the unknowns; of a walk, of all but the translation."""
@@ -201,8 +224,8 @@ def _data(
     prior[:, -5:-1] = np.diag(1.0 / std)
     prior[:, -1] = np.array([*state.lever_arm, clock]) / std
     data = _Data(
-        columns,
-        covariance,
+        np.ascontiguousarray(columns),
+        np.ascontiguousarray(covariance),
         1e-9 * np.diff(stamps[known]),
         prior,
         2.0 * float(np.log(std).sum()),

@@ -323,9 +323,9 @@ LOOPS_PART int forward(const double *covariance, const double *jitter, const Col
  *
  * covariance: V (N, 6, 6). jitter: (N, 2), by group. nuisances, gauge, errors: (N, 6, c), (N, 6, d)
  * and (N, 6). moves, precision: F and Q^-1 (2, k, k, N - 1). prior: of the first states, (2, k, k).
- * travel: (N - 1, 3). weight: R^-1 (room, 6, 6), and kept: [U | X | f] (room, m, 2 m + lanes), which
- * have room for all poses, or for two at the least. normal: the normal equations without the states,
- * (lanes, lanes). log_dets: of R and of Lambda, (2).
+ * travel: (N - 1, 3). weight: R^-1 (room, 6, 6), and kept: [U | X | f] (room, m, 2 m + lanes),
+ * with room for all poses, or for two at the least. normal: the normal equations without the
+ * states, (lanes, lanes). log_dets: of R and of Lambda, (2).
  * Returns 1 where one of them is not positive definite.
  */
 LOOPS_WIDE int band_forward(const double *covariance, const double *jitter, const double *nuisances,
@@ -822,4 +822,66 @@ LOOPS_WIDE int band_whiten(const double *covariance, const double *jitter, const
                       count, 1, lanes);
     return whiten(covariance, jitter, &columns, moves, noise, prior, travel, white, begin, count, 2,
                   lanes);
+}
+
+/* Columns of positions (M, 3, c) less what those before predict, whitened: what each pose is beyond
+ * a walk, or an Ornstein-Uhlenbeck process about nothing, the same along every axis.
+ *
+ * columns: (M, 3, width), of which the last c count. covariance: (M, 3, 3), and jitter, a variance,
+ * beside it. gaps: (M - 1), s. size: the variance of a walk a second, time being 0, or of the
+ * process. white: (M - 1, 3, c) of a walk, whose first position is free, and else (M, 3, c).
+ * log_det: of what it is whitened by. Returns the number of the first pose, from 1 on, whose
+ * covariance is not positive definite.
+ */
+LOOPS_WIDE int band_positions(const double *columns, const double *covariance, const double *gaps,
+                              double *white, double *log_det, int64_t count, int64_t width,
+                              int64_t c, double jitter, double size, double time)
+{
+    const int64_t begin = time > 0.0 ? 0 : 1, wide = 2 * AXES + c;
+    double known[AXES * AXES] = {0.0}, states[AXES * MOST_LANES] = {0.0};
+    double rows[AXES * (2 * AXES + MOST_LANES)];
+    Logarithm determinant = {1.0, 0};
+    for (int64_t i = 0; i < count; i++) {
+        double keep = time > 0.0 && i > 0 ? exp(-gaps[i - 1] / time) : 1.0;
+        double added = time > 0.0 ? size : 0.0;
+        if (i > 0)
+            added *= 1.0 - keep * keep;
+        if (i > 0 && time <= 0.0)
+            added = size * gaps[i - 1];
+        for (int64_t r = 0; r < AXES; r++) {
+            times(known + r * AXES, keep * keep, AXES);
+            times(states + r * c, keep, c);
+            known[r * AXES + r] += added;
+        }
+        for (int64_t r = 0; r < AXES; r++) {
+            double *row = rows + r * wide;
+            for (int64_t q = 0; q < AXES; q++) {
+                row[q] = covariance[(AXES * i + r) * AXES + q] + known[r * AXES + q];
+                row[AXES + q] = known[r * AXES + q];
+            }
+            row[r] += jitter;
+            memcpy(row + 2 * AXES, columns + (AXES * i + r + 1) * width - c,
+                   sizeof(double) * (size_t)c);
+            take(row + 2 * AXES, 1.0, states + r * c, c);
+        }
+        if (i < begin) {
+            for (int64_t r = 0; r < AXES; r++) {
+                memcpy(known + r * AXES, rows + r * wide, sizeof(double) * AXES);
+                memcpy(states + r * c, rows + r * wide + 2 * AXES, sizeof(double) * (size_t)c);
+            }
+            continue;
+        }
+        if (eliminate(rows, AXES, wide, &determinant))
+            return (int)(i + 1);
+        for (int64_t q = 0; q < AXES; q++) {
+            const double *a = rows + q * wide + AXES, *new = a + AXES;
+            memcpy(white + (AXES * (i - begin) + q) * c, new, sizeof(double) * (size_t)c);
+            for (int64_t r = 0; r < AXES; r++) {
+                take(known + r * AXES, a[r], a, AXES);
+                add(states + r * c, a[r], new, c);
+            }
+        }
+    }
+    log_det[0] = logarithm(&determinant);
+    return 0;
 }
