@@ -457,11 +457,12 @@ def _from_position_quaternion(position: Array, quaternion: Array) -> Array | Non
     """The same as a loop; None where that was not built, or something is not as it has to be."""
     if not loops.there() or (position.shape[-1:], quaternion.shape[-1:]) != ((3,), (4,)):
         return None
-    batch = np.broadcast_shapes(position.shape[:-1], quaternion.shape[:-1])
-    given = (
-        np.ascontiguousarray(np.broadcast_to(position, (*batch, 3))),
-        np.ascontiguousarray(np.broadcast_to(quaternion, (*batch, 4))),
-    )
+    batch = position.shape[:-1]
+    if batch != quaternion.shape[:-1]:
+        batch = np.broadcast_shapes(batch, quaternion.shape[:-1])
+        position = np.broadcast_to(position, (*batch, 3))
+        quaternion = np.broadcast_to(quaternion, (*batch, 4))
+    given = np.ascontiguousarray(position), np.ascontiguousarray(quaternion)
     poses = np.empty((*batch, 4, 4))
     bad = loops.call("se3_from_position_quaternion", *given, poses, math.prod(batch))
     return None if bad else poses

@@ -61,6 +61,14 @@ def test_what_is_no_library_is_none(tmp_path, monkeypatch):
 
 
 @built
+@pytest.mark.parametrize("count", [0, 3])
+def test_an_array_may_be_empty_or_read_only(count):
+    array = np.zeros(count)
+    array.flags.writeable = False
+    assert loops.call("so3_log", array, array, 0) == 0
+
+
+@built
 def test_they_can_be_left_out():
     with loops.left_out():
         assert not loops.there()
