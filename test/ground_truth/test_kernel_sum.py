@@ -3,7 +3,6 @@
 """A sum of Markov kernels against the same sum of its kernels one by one."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,7 +13,6 @@ from trajeval_ros.ground_truth.kernels import (
     Matern32,
     Matern52,
     Matern72,
-    SquaredExponential,
 )
 
 KERNELS = (Matern52(), Matern72(), Matern32(), Exponential())
@@ -75,16 +73,3 @@ def test_slope_is_the_derivative_of_what_moves():
     apart, step = np.array([[-2.0, -0.3, 0.2, 1.7]]), 1e-6
     expected = (markov.cross(apart + step)[0] - markov.cross(apart - step)[0]) / (2.0 * step)
     np.testing.assert_allclose(markov.cross(apart, 2)[1], expected, rtol=1e-7, atol=1e-9)
-
-
-@pytest.mark.parametrize("kernels", [KERNELS, (SquaredExponential(),)])
-def test_stretches_side_by_side_are_those_alone(kernels):
-    each = [
-        KernelSum.of(kernels, tuple(group(numbers[: len(kernels)]) for numbers in pair))
-        for pair in ((FIRST, OTHER), (LIVELIER, FIRST), (OTHER, OTHER))
-    ]
-    apart = np.linspace(-1.0, 1.0, 21).reshape(3, 7)
-    found = type(each[0]).beside(each).cross(apart, 2)
-    for i, alone in enumerate(each):
-        expected = alone.cross(apart[i : i + 1], 2)[:, :, 0]
-        np.testing.assert_array_equal(found[:, :, i], expected)

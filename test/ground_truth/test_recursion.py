@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trajeval_ros import loops
-from trajeval_ros.ground_truth.factors import MarkovFactor, Observed, extend
+from trajeval_ros.ground_truth.factors import MarkovFactor, Observed
 from trajeval_ros.ground_truth.hyperparameters import Component, GroupHyperparameters
 from trajeval_ros.ground_truth.kernel_sum import KernelSum
 from trajeval_ros.ground_truth.kernels import Exponential, Matern32, Matern52, Matern72
@@ -49,7 +49,7 @@ def both(kernel, observed, cuts=()):
     for factor in pair:
         for end in sorted({*cuts, len(observed.times)} - {0}):
             part = Observed(observed.times[:end], observed.values[:end], observed.noise[:end])
-            extend([factor], [part])
+            factor.extend(part)
     return pair
 
 
@@ -94,8 +94,8 @@ def test_it_is_the_factor_in_blocks(
     )
     counts = rng.integers(1, count + 1, len(times))
     stds = np.sqrt(kernel.variances.max(axis=(1, 2)))
-    found, explained = loop.products([(loop, times, counts)], kinds)
-    expected = blocks.products([(blocks, times, counts)], kinds)
+    found, explained = loop.products(times, counts, kinds)
+    expected = blocks.products(times, counts, kinds)
     for kind in range(kinds):
         agree(found[kind], expected[0][kind], stds[kind] * np.abs(blocks.white[:, :count]).max())
         agree(explained[kind], expected[1][kind], stds[kind] ** 2)
@@ -112,15 +112,12 @@ def test_digits_depend_on_no_batch(interval):
     np.testing.assert_array_equal(whole.pivots, grown.pivots)
     np.testing.assert_array_equal(whole.white, grown.white)
     times, counts = rng.uniform(0.0, observed.times[-1], 9), rng.integers(1, 101, 9)
-    together = whole.products([(whole, times, counts)], 2)
+    together = whole.products(times, counts, 2)
     for i in range(9):
         one = slice(i, i + 1)
-        alone = grown.products([(grown, times[one], counts[one])], 2)
+        alone = grown.products(times[one], counts[one], 2)
         for mine, other in zip(alone, together, strict=True):
             np.testing.assert_array_equal(mine[:, :, 0], other[:, :, i])
-    several = whole.products([(whole, times[:4], counts[:4]), (grown, times[4:], counts[4:])], 2)
-    for mine, other in zip(several, together, strict=True):
-        np.testing.assert_array_equal(mine, other)
 
 
 def test_many_samples_close_together_are_as_exact_as_in_blocks():
@@ -138,7 +135,7 @@ def test_no_query_and_no_sample_more_are_nothing():
     rng = np.random.default_rng(0)
     loop, _ = both(a_kernel(rng, 2, KERNELS), some_samples(rng, 20, 2, 3, 0.01))
     none = np.empty(0), np.empty(0, dtype=np.intp)
-    found, explained = loop.products([(loop, *none)], 2)
+    found, explained = loop.products(*none, 2)
     assert found.shape == (2, 2, 0, 4)
     assert explained.shape == (2, 2, 0)
     assert loop.whitened(*none).shape == (2, 0, 32)
@@ -149,12 +146,12 @@ def test_what_is_not_positive_definite_is_refused_and_nothing_is_taken():
     kernel, observed = a_kernel(rng, 2, KERNELS), some_samples(rng, 60, 2, 3, 0.01)
     noise = observed.noise.copy()
     noise[45, 1] = -100.0
-    factors = [RecursiveFactor(kernel, np.full(2, 1e-6), 3) for _ in range(2)]
-    extend([factors[0]], [Observed(observed.times[:21], observed.values[:21], observed.noise[:21])])
+    loop = RecursiveFactor(kernel, np.full(2, 1e-6), 3)
+    loop.extend(Observed(observed.times[:21], observed.values[:21], observed.noise[:21]))
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        extend(factors, [observed, Observed(observed.times, observed.values, noise)])
-    assert [factor.count for factor in factors] == [21, 0]
-    extend(factors, [observed, observed])
-    (whole, _) = both(kernel, observed)
-    for factor in factors:
-        np.testing.assert_array_equal(factor.pivots[:, :60], whole.pivots[:, :60])
+        loop.extend(Observed(observed.times, observed.values, noise))
+    assert loop.count == 21
+    loop.extend(observed)
+    whole, _ = both(kernel, observed)
+    np.testing.assert_array_equal(loop.pivots[:, :60], whole.pivots[:, :60])
+    np.testing.assert_array_equal(loop.sums[:, :60], whole.sums[:, :60])

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import gp_twin
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth.factors import Observed
 from trajeval_ros.ground_truth.hyperparameters import Component, GroupHyperparameters
 from trajeval_ros.ground_truth.kernels import (
@@ -16,7 +17,7 @@ from trajeval_ros.ground_truth.kernels import (
     Matern72,
     SquaredExponential,
 )
-from trajeval_ros.ground_truth.regression import Regression, extend, scale
+from trajeval_ros.ground_truth.regression import Regression, scale
 
 KERNELS = (Matern52(), Matern72(), Matern32(), Exponential())
 NAMES = ("Matern52", "Matern72", "Matern32", "Exponential")
@@ -46,6 +47,14 @@ def conditioned(groups, times, values, noise, batches=1, kernels=KERNELS):
     for end in np.linspace(0, len(times), batches + 1).astype(int)[1:]:
         regression.extend(Observed(times[:end], *both(values[:end], noise[:end], len(groups))))
     return regression
+
+
+def same(mine, other, kernels):
+    """To the bit where samples are taken one by one in C; in NumPy, as BLAS orders its sums."""
+    if loops.there() and len(kernels) > 1:
+        np.testing.assert_array_equal(mine, other)
+    else:
+        np.testing.assert_allclose(mine, other, rtol=1e-7, atol=1e-9)
 
 
 def both(values, noise, groups=2):
@@ -106,8 +115,8 @@ def test_truncated_answer_is_that_of_a_process_built_on_the_truncated_data(kerne
         for mine, other in zip(
             whole.posterior(asked, counts), part.posterior(asked, counts), strict=True
         ):
-            np.testing.assert_array_equal(mine, other)
-        np.testing.assert_array_equal(whole.squares(counts), part.squares(counts))
+            same(mine, other, kernels)
+        same(whole.squares(counts), part.squares(counts), kernels)
 
 
 @pytest.mark.parametrize("kernels", [KERNELS, (SquaredExponential(),)])
@@ -123,47 +132,8 @@ def test_digits_do_not_depend_on_the_batches(kernels):
         if n > grown.count:
             grown.extend(Observed(times[:n], *both(values[:n], noise[:n])))
         one_mean, one_variance = grown.posterior(asked[i : i + 1], counts[i : i + 1])
-        np.testing.assert_array_equal(one_mean[0], mean[i])
-        np.testing.assert_array_equal(one_variance[0], variance[i])
-
-
-@pytest.mark.parametrize("kernels", [KERNELS, (SquaredExponential(),)])
-def test_side_by_side_they_are_what_each_is_alone(kernels):
-    groups, sizes = (a_group(len(kernels)), another_group(len(kernels))), (70, 5, 200, 32, 33)
-    each = [samples(size, seed) for seed, size in enumerate(sizes)]
-    several = [Regression(kernels, groups, 3) for _ in sizes]
-    # Some have samples already, and one has all of them.
-    for known in (np.array([0, 5, 40, 0, 33]), np.array(sizes)):
-        extend(
-            several,
-            [
-                Observed(times[:n], *both(values[:n], noise[:n]))
-                for (times, values, noise), n in zip(each, known, strict=True)
-            ],
-        )
-        assert [regression.count for regression in several] == known.tolist()
-    for regression, (times, values, noise) in zip(several, each, strict=True):
-        alone = conditioned(groups, times, values, noise, kernels=kernels)
-        asked, counts = np.linspace(0.0, times[-1], 9), np.full(9, len(times))
-        for mine, other in zip(
-            regression.posterior(asked, counts), alone.posterior(asked, counts), strict=True
-        ):
-            np.testing.assert_array_equal(mine, other)
-        for mine, other in zip(regression.innovations(1), alone.innovations(1), strict=True):
-            np.testing.assert_array_equal(mine, other)
-
-
-def test_of_several_none_takes_samples_when_one_cannot():
-    groups, each = (a_group(),), [samples(40, seed) for seed in range(3)]
-    several = [Regression(KERNELS, groups, 3) for _ in each]
-    good = [Observed(times, *both(values, noise, 1)) for times, values, noise in each]
-    bad = Observed(good[1].times, good[1].values, good[1].noise - 1.0)
-    with pytest.raises(np.linalg.LinAlgError):
-        extend(several, [good[0], bad, good[2]])
-    assert [regression.count for regression in several] == [0, 0, 0]
-    extend(several, good)
-    alone = conditioned(groups, *each[2])
-    np.testing.assert_array_equal(several[2].innovations(1), alone.innovations(1))
+        same(one_mean[0], mean[i], kernels)
+        same(one_variance[0], variance[i], kernels)
 
 
 def test_scale_follows_the_data_from_the_prior():

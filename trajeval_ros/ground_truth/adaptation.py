@@ -29,7 +29,7 @@ from trajeval_ros import loops
 from trajeval_ros.ground_truth.factors import Observed
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
-from trajeval_ros.ground_truth.regression import Regression, extend, scale
+from trajeval_ros.ground_truth.regression import Regression, scale
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
@@ -99,17 +99,6 @@ def conditioned(learned: Learned, regimes: Iterable[Regime], values: Values) -> 
         )
     )
     return regression
-
-
-def begun(process: Process, regimes: Regimes, several: Sequence[Values]) -> list[Regression]:
-    """The regressions of segments that begin in the same regimes, made side by side."""
-    process = process.under(regimes)
-    size, width = several[0].values.shape[1] // 2, several[0].values.shape[2]
-    groups = tuple(group for group in process.groups for _ in range(size))
-    noise = np.array([group.noise_std**2 for group in groups])
-    regressions = [Regression(process.kernels, groups, width) for _ in several]
-    extend(regressions, [values.with_noise(noise) for values in several])
-    return regressions
 
 
 def best_regime(
@@ -260,16 +249,10 @@ def epoch_scales(epochs: Sequence[Epoch], counts: Sequence[Counts], squares: Arr
 class Adaptation:
     """The epochs of a segment, oldest first; the owner of their regressions."""
 
-    def __init__(
-        self, process: Process, regimes: Regimes, regression: Regression | None = None
-    ) -> None:
-        """Begin with ``regimes``, which the samples before the segment were in.
-
-        ``regression``: of all of the segment's samples in these, where it was `begun` already.
-        """
+    def __init__(self, process: Process, regimes: Regimes) -> None:
+        """Begin with ``regimes``, which the samples before the segment were in."""
         self.process = process
         self._regimes = regimes
-        self._regression = regression
         self._watches = (Watch(), Watch())
         self.epochs: list[Epoch] = []
         self.count = 0
@@ -300,11 +283,14 @@ class Adaptation:
         translation, rotation = found
         return translation, rotation
 
-    def look(self, values: Values) -> None:
-        """Hold the process to all samples so far, which its newest epoch is conditioned on."""
-        self.count = len(values.times)
-        if not self.epochs:
+    def take(self, values: Values) -> None:
+        """Take all samples so far, those known already first, and hold the process to them."""
+        if self.epochs:  # the newest one; the others know what they need
+            epoch = self.epochs[-1]
+            epoch.regression.extend(values.with_noise(epoch.noise))
+        else:
             self._begin(1, (1, 1), self._regimes, values)
+        self.count = len(values.times)
         learned = self.process.learned
         while learned is not None:
             refuted = self._refuted()
@@ -327,11 +313,11 @@ class Adaptation:
 
     def _begin(self, first: int, since: tuple[int, int], regimes: Regimes, values: Values) -> None:
         """Begin an epoch."""
-        regression, self._regression = self._regression, None
-        if regression is None or regression.count != len(values.times):
-            (regression,) = begun(self.process, regimes, [values])
         process, size = self.process.under(regimes), values.values.shape[1] // 2
-        noise = np.array([group.noise_std**2 for group in process.groups for _ in range(size)])
+        groups = tuple(group for group in process.groups for _ in range(size))
+        noise = np.array([group.noise_std**2 for group in groups])
+        regression = Regression(process.kernels, groups, values.values.shape[2])
+        regression.extend(values.with_noise(noise))
         rows = np.repeat(since, size)
         before = regression.squares(rows)[np.arange(2 * size), np.arange(2 * size)]
         self.epochs.append(Epoch(first, since, regimes, process, regression, noise, before))
@@ -363,18 +349,6 @@ class Adaptation:
         seen, _ = regression.innovations(since)
         seen = seen.reshape(2, -1, regression.count - since)[group].sum(axis=0)
         return row, since, group, float(seen[: row + 1 - since].mean()) / _COORDINATES
-
-
-def take(several: Sequence[tuple[Adaptation, Values]]) -> None:
-    """Let each take all samples so far of its segment, those known already first."""
-    # The newest epochs side by side; the others know what they need.
-    newest = [(each.epochs[-1], values) for each, values in several if each.epochs]
-    extend(
-        [epoch.regression for epoch, _ in newest],
-        [values.with_noise(epoch.noise) for epoch, values in newest],
-    )
-    for adaptation, values in several:
-        adaptation.look(values)
 
 
 def _replaced(pair: tuple[_Any, _Any], index: int, value: _Any) -> tuple[_Any, _Any]:

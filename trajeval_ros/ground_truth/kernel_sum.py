@@ -14,10 +14,8 @@ all positive: they are as accurate as k itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -56,13 +54,6 @@ class KernelSum:
     def of(kernels: tuple[Kernel, ...], groups: tuple[GroupHyperparameters, ...]) -> KernelSum:
         """Take the kernels that the groups have components for, of one stretch."""
         return _of(tuple(type(kernel) for kernel in kernels), groups)
-
-    @classmethod
-    def beside(cls, sums: Sequence[Self]) -> Self:
-        """Take stretches with the same kernels and as many groups side by side."""
-        variances = np.concatenate([each._variances for each in sums], axis=2)
-        lengths = np.concatenate([each._lengths for each in sums], axis=2)
-        return cls(sums[0]._kernels, variances, lengths)
 
     def __call__(self, apart: Array) -> Array:
         """``k`` of times ``apart`` (S, n) seconds, not negative; (G, S, n)."""

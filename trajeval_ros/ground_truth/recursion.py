@@ -23,7 +23,6 @@ future but that of one power.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -100,21 +99,7 @@ class RecursiveFactor(Factor):
             for known, size in ((self._rows, more), (self._spans, more // _SPAN))
         )
 
-    @classmethod
-    def _add(
-        cls, factors: Sequence[Factor], samples: Sequence[Observed], known: Sequence[int]
-    ) -> None:
-        states = [
-            factor._state_after(each, first)
-            for factor, each, first in zip(factors, samples, known, strict=True)
-            if isinstance(factor, RecursiveFactor)
-        ]
-        for factor, state in zip(factors, states, strict=True):
-            assert isinstance(factor, RecursiveFactor)
-            factor._state = state
-
-    def _state_after(self, samples: Observed, known: int) -> Array:
-        """Write the rows from ``known`` on; return the state after the last."""
+    def _add(self, samples: Observed, known: int) -> None:
         state = self._state.copy()
         wrong = loops.call(
             "factor_add",
@@ -133,26 +118,14 @@ class RecursiveFactor(Factor):
         )
         if wrong:
             raise np.linalg.LinAlgError
-        return state
+        self._state = state
 
     @property
     def _work(self) -> Array:
         return np.empty(3 * self._kernel.rank + self._state.shape[2])
 
-    @classmethod
-    def products(
-        cls, asked: Sequence[tuple[Factor, Array, Counts]], kinds: int
-    ) -> tuple[Array, Array]:
-        """One after the other."""
-        each = [
-            factor._products(times, counts, kinds)
-            for factor, times, counts in asked
-            if isinstance(factor, RecursiveFactor)
-        ]
-        found, explained = zip(*each, strict=True)
-        return np.concatenate(found, axis=2), np.concatenate(explained, axis=2)
-
-    def _products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
+    def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
+        """Query after query."""
         explained = np.empty((kinds, self._groups, len(times)))
         found = np.empty((*explained.shape, self._columns))
         if len(times):

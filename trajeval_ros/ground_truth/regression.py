@@ -23,7 +23,6 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import loops
-from trajeval_ros.ground_truth import factors
 from trajeval_ros.ground_truth.factors import (
     DenseFactor,
     Factor,
@@ -73,8 +72,12 @@ class Regression:
         return self._factor.count
 
     def extend(self, samples: Observed) -> None:
-        """Condition on all samples so far; those known already must lead."""
-        extend([self], [samples])
+        """Condition on all samples so far; those known already must lead.
+
+        Raises LinAlgError where their covariance is not positive definite; none is taken then.
+        """
+        if len(samples.times) > self.count:
+            self._factor.extend(samples)
 
     def posterior(self, times: Array, counts: Counts) -> tuple[Array, Array]:
         """Return mean (q, G, c) and ``P / s²`` (q, G), given the first ``counts`` (q,) samples.
@@ -137,19 +140,6 @@ def _factor(kernel: KernelSum, information: Array, coordinates: int) -> Factor:
     return kind(kernel, information, coordinates)
 
 
-def extend(regressions: Sequence[Regression], samples: Sequence[Observed]) -> None:
-    """Condition each on all of its samples so far, those known already first.
-
-    Those with the same groups and kernels are worked side by side.
-    """
-    alike: dict[int, list[tuple[Regression, Observed]]] = {}
-    for regression, each in zip(regressions, samples, strict=True):
-        if len(each.times) > regression.count:
-            alike.setdefault(id(regression._kernel), []).append((regression, each))
-    for some in alike.values():
-        factors.extend([r._factor for r, _ in some], [each for _, each in some])
-
-
 def posteriors(
     asked: Sequence[tuple[Regression, Array, Counts]], kinds: int = 1
 ) -> tuple[Array, Array, Array]:
@@ -159,8 +149,8 @@ def posteriors(
     first ``counts`` (q,) >= 1 samples. With ``kinds`` of 2 that of the motion's derivative, too: it
     is the same with ``∂k/∂t`` for k; the correlated noise, which has no derivative, is not motion.
     """
-    factors = [(r._factor, times, counts) for r, times, counts in asked]
-    found, explained = type(factors[0][0]).products(factors, kinds)
+    each = [r._factor.products(times, counts, kinds) for r, times, counts in asked]
+    found, explained = (np.concatenate(some, axis=2) for some in zip(*each, strict=True))
     sums = np.concatenate([r._factor.sums[:, n - 1] for r, _, n in asked], axis=1)
     sizes = [len(times) for _, times, _ in asked]
     prior = np.stack([r._kernel.variances[:kinds, :, 0] for r, _, _ in asked], axis=2)

@@ -17,12 +17,10 @@ from trajeval_ros.ground_truth.adaptation import (
     Adaptation,
     Epoch,
     Values,
-    begun,
     epoch_scales,
-    take,
 )
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
-from trajeval_ros.ground_truth.regression import Regression, posteriors
+from trajeval_ros.ground_truth.regression import posteriors
 from trajeval_ros.ground_truth.stamps import HISTORY, slopes
 
 Array = npt.NDArray[np.float64]
@@ -184,7 +182,6 @@ class Segment:
         self._variances = np.empty((0, 6))
         self._slopes = np.empty((0, 6))
         self._adaptation: Adaptation | None = None
-        self._foreseen: tuple[Process, Regimes, Regression] | None = None
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -317,7 +314,7 @@ class Segment:
     def unconditioned(self) -> Segment:
         """The samples alone, without what is known of the process: a tenth of the memory."""
         alone = copy.copy(self)
-        alone._adaptation = alone._foreseen = None
+        alone._adaptation = None
         return alone
 
     @property
@@ -327,19 +324,17 @@ class Segment:
 
     def begin(self, process: Process, regimes: Regimes = AS_LEARNED) -> None:
         """Let ``process`` be the segment's, at first in ``regimes``."""
-        foreseen = self._foreseen if self.is_foreseen(process, regimes) else None
-        regression = None if foreseen is None else foreseen[2]
-        self._adaptation, self._foreseen = Adaptation(process, regimes, regression), None
-
-    def is_foreseen(self, process: Process, regimes: Regimes) -> bool:
-        """Whether `foresee` has made what is needed after this beginning."""
-        foreseen = self._foreseen
-        return foreseen is not None and foreseen[0] is process and foreseen[1] == regimes
+        self._adaptation = Adaptation(process, regimes)
 
     @property
     def rests(self) -> bool:
         """Whether it answers only once it is made to `advance`, its process being known."""
         return self._adaptation is not None and self._adaptation.count < len(self)
+
+    def advance(self) -> None:
+        """Condition it on all its samples so far, its process being known."""
+        if self._known.count < len(self):
+            self._known.take(self.values(self._known.process))
 
     def rest(self) -> None:
         """Drop the factorisation, most of the memory; `advance` makes the same again."""
@@ -381,22 +376,6 @@ class Segment:
         counts = self.counts(until)
         rows = epoch.regression.cross_variances(self.seconds(stamps), known, counts)
         return [np.repeat(row, 6 // row.shape[1], axis=1) for row in rows]
-
-
-def advance(segments: Sequence[Segment]) -> None:
-    """Condition segments that have begun on all their samples so far, side by side."""
-    lagging = [each for each in segments if each._known.count < len(each)]
-    take([(each._known, each.values(each._known.process)) for each in lagging])
-
-
-def foresee(segments: Sequence[Segment], process: Process, regimes: Regimes) -> None:
-    """Condition closed segments side by side, as though each will begin in these regimes.
-
-    What each begins in is known when those before it are conditioned, and mostly it is that.
-    """
-    values = [segment.values(process) for segment in segments]
-    for segment, regression in zip(segments, begun(process, regimes, values), strict=True):
-        segment._foreseen = process, regimes, regression
 
 
 def _continued(coordinates: Array) -> Array:

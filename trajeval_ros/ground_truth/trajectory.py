@@ -6,9 +6,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -20,16 +19,14 @@ from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.ground_truth.joint import JointCovariance, Part
 from trajeval_ros.ground_truth.lessons import Lesson, Lessons
 from trajeval_ros.ground_truth.models import MODELS
-from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
+from trajeval_ros.ground_truth.process import AS_LEARNED, Process
 from trajeval_ros.ground_truth.segment import (
     Answer,
     Asked,
     Samples,
     Segment,
     Twists,
-    advance,
     answers,
-    foresee,
 )
 from trajeval_ros.ground_truth.segmentation import Blended, Segmentation, SegmentShape
 
@@ -41,8 +38,6 @@ Mask = npt.NDArray[np.bool_]
 # those before it.
 _GAP = 100_000_000
 _GAP_INTERVALS = 64
-# So many segments are conditioned together at most.
-_TOGETHER = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +124,6 @@ class GroundTruth:
         self._stamps = np.empty(0, dtype=np.int64)
         self._cuts = np.empty((0, 2), dtype=np.int64)  # the samples before and after each
         self._begin: int | None = None
-        self._agreed = 0  # so many segments began as was foreseen
         self._settled = 0  # the segments before this one are closed and conditioned
         self._resting = 0  # those before this one rest
 
@@ -248,7 +242,6 @@ class GroundTruth:
         """
         if not self._processes:
             return
-        advance([b.segment for b in self._segmentation.since(self._settled) if b.segment.begun])
         before: Segment | None = None
         settled = self._settled
         for blended in self._segmentation.since(self._settled - 1):
@@ -260,32 +253,12 @@ class GroundTruth:
                 regimes = AS_LEARNED
                 if before is not None and blended.incoming is not None:
                     regimes = before.regimes(process, blended.incoming.begin)
-                if not segment.is_foreseen(process, regimes):
-                    self._foresee(blended.index, process, regimes)
-                self._agreed += 1
                 segment.begin(process, regimes)
-                advance([segment])
+            segment.advance()
             before = segment
             if segment is through:
                 break
         self._settled = min(self._segmentation.first_open, settled)
-
-    def _foresee(self, index: int, process: Process, regimes: Regimes) -> None:
-        """Condition closed segments from one on together: that costs little more than it alone.
-
-        More, the more of the last ones began as they were foreseen to.
-        """
-        count, self._agreed = min(2 * self._agreed + 1, _TOGETHER), 0
-        closed = max(self._segmentation.first_open - index, 0)
-        together = [
-            blended.segment
-            for blended in islice(self._segmentation.since(index), min(count, closed))
-            if self._process(blended.index) is process
-        ]
-        if len(together) > 1:
-            # If the samples of one are at fault, that one will say so.
-            with suppress(np.linalg.LinAlgError):
-                foresee(together, process, regimes)
 
     def posterior(
         self,
@@ -310,7 +283,8 @@ class GroundTruth:
         ends = sorted_stamps[[0, -1]].tolist() if len(stamps) else [0, 0]
         asked = list(self._segmentation.between(*ends))
         resting = [each.segment for each in asked if each.segment.rests]
-        advance(resting)
+        for segment in resting:
+            segment.advance()
         parts = [part for each in asked for part in _parts(each, order, sorted_stamps, until)]
         together = any(part.epoch.process.stamp_shared for part in parts)
         found = answers(
