@@ -23,7 +23,7 @@ from twins.ground_truths import (
 from twins.runs import SECOND, START, motion
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.segment import Asked, Samples, advance, answers
+from trajeval_ros.ground_truth.segment import Asked, Samples, answers
 from trajeval_ros.ground_truth.segmentation import Segmentation
 
 
@@ -68,7 +68,7 @@ def test_the_answer_is_the_weighted_one_of_the_segments(times, shape):
             weight = blended.weight(stamps[i : i + 1])[0]
             if weight > 0.0:
                 blended.segment.begin(truth._process(blended.index))
-                advance([blended.segment])
+                blended.segment.advance()
                 (epoch,) = blended.segment.epochs
                 here = slice(i, i + 1)
                 answered = answers([Asked(blended.segment, epoch, stamps[here], until[here])])
@@ -121,7 +121,7 @@ def test_there_is_something_to_jump_between():
     asked = []
     for segment in (first.segment, second.segment):
         segment.begin(process)
-        advance([segment])
+        segment.advance()
         asked.append(Asked(segment, segment.epochs[0], stamps, samples.stamps[-1:]))
     found = [answers([each]) for each in asked]
     assert np.abs(found[0].poses - found[1].poses).max() > 1e-6

@@ -67,7 +67,7 @@ class RecursiveFactor(Factor):
         """Start without samples."""
         super().__init__(kernel, information, coordinates)
         groups, rank = len(information), kernel.rank
-        lanes = -(-(self._columns + rank) // _LANES) * _LANES
+        lanes = sum(-(-each // _LANES) * _LANES for each in (self._columns, rank))
         # [g z], l, the sums, tr zᵀ z, e² and d, w, and powers.
         self._rows = np.empty((groups, 0, 2 * self._columns + 5 + 2 * rank))
         self._spans = np.empty((groups, 0, rank, lanes))  # [N M]

@@ -8,10 +8,10 @@
  * has, of each kernel, the entries Phi_ij = q_(i-j), i >= j, of its powers q_k = a^k / k! exp(-a),
  * a = rate dt; where samples follow each other, q_0 - 1 is kept for q_0: what is close to the
  * identity is added, so that the round-off of many small steps does not add up. A state [N M] is
- * (r, lanes): 1 + c columns of N, r of M, and zeros up to a multiple of LANES. The rows of a group
- * hold of each sample [g z], (1 + c), the pivot l, the sums up to it, (2 + c), its z' z, e^2 and
- * d of factor_add, w (r) and the powers since the sample before (r); its spans, the state after
- * every SPAN samples.
+ * (r, lanes): 1 + c columns of N and r of M, zeros after each up to a multiple of LANES. The rows of
+ * a group hold of each sample [g z], (1 + c), the pivot l, the sums up to it, (2 + c), its z' z,
+ * e^2 and d of factor_add, w (r) and the powers since the sample before (r); its spans, the state
+ * after every SPAN samples.
  */
 #include "loops.h"
 
@@ -19,18 +19,29 @@
 
 enum { LANES = 4, SPAN = 8 };
 
+/* Lanes are worked four at a time where the processor can: the digits are the same. */
+#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#define WITHIN static inline __attribute__((always_inline))
+#else
+#define WIDE
+#define WITHIN static inline
+#endif
+
 /* How many numbers each kernel has, (m,), and past(0), (r,); of one group, each kernel's rate, the
  * same where it is motion and 0 where it is noise, and its variance, (m,). */
 typedef struct {
     const int64_t *sizes;
     const double *first_past, *rates, *slopes, *variances;
-    int64_t kernels, rank, columns, lanes, row;
+    int64_t kernels, rank, columns, begin, lanes, row; /* begin: of M in a state's row */
 } Group;
 
 /* What is in a sample's row. */
 typedef struct {
     double *white, *l, *sums, *square, *news, *w, *q;
 } Row;
+
+static int64_t in_lanes(int64_t n) { return (n + LANES - 1) / LANES * LANES; }
 
 /* Of constants (G, 3, m): rates, slopes and variances. */
 static Group group_of(int64_t number, const int64_t *sizes, const double *first_past,
@@ -40,6 +51,7 @@ static Group group_of(int64_t number, const int64_t *sizes, const double *first_
         rank += sizes[k];
     }
     const double *own = constants + number * 3 * kernels;
+    const int64_t begin = in_lanes(columns);
     return (Group){
         .sizes = sizes,
         .first_past = first_past,
@@ -49,7 +61,8 @@ static Group group_of(int64_t number, const int64_t *sizes, const double *first_
         .kernels = kernels,
         .rank = rank,
         .columns = columns,
-        .lanes = (columns + rank + LANES - 1) / LANES * LANES,
+        .begin = begin,
+        .lanes = begin + in_lanes(rank),
         .row = 2 * columns + 5 + 2 * rank,
     };
 }
@@ -80,7 +93,7 @@ static void fill(double *a, int64_t n, double value) {
 }
 
 /* Add so many lanes of a row, times a factor, to another. */
-static void add_row(double *to, double factor, const double *from, int64_t lanes) {
+WITHIN void add_row(double *to, double factor, const double *from, int64_t lanes) {
     for (int64_t begin = 0; begin < lanes; begin += LANES) {
         for (int64_t i = begin; i < begin + LANES; i++) {
             to[i] += factor * from[i];
@@ -88,14 +101,18 @@ static void add_row(double *to, double factor, const double *from, int64_t lanes
     }
 }
 
+/* The powers (p,) of one kernel from that of order 0 on. */
+static void raise(double a, int64_t size, double *q) {
+    for (int64_t j = 1; j < size; j++) {
+        q[j] = q[j - 1] * (a / (double)j);
+    }
+}
+
 /* The powers (r,) of a time. */
 static void powers(const Group *g, double time, double *q) {
     for (int64_t k = 0; k < g->kernels; q += g->sizes[k++]) {
-        const double a = g->rates[k] * time;
-        q[0] = exp(-a);
-        for (int64_t j = 1; j < g->sizes[k]; j++) {
-            q[j] = q[j - 1] * (a / (double)j);
-        }
+        q[0] = exp(-g->rates[k] * time);
+        raise(g->rates[k] * time, g->sizes[k], q);
     }
 }
 
@@ -112,9 +129,11 @@ static void powers_or_slopes(const Group *g, double time, int slope, double *q) 
 
 /* The same of a transition, less 1 where they are of order 0. */
 static void transition(const Group *g, double time, double *q) {
-    powers(g, time, q);
     for (int64_t k = 0; k < g->kernels; q += g->sizes[k++]) {
-        q[0] = expm1(-g->rates[k] * time);
+        const double a = g->rates[k] * time, less = a < 0.5 ? expm1(-a) : exp(-a) - 1.0;
+        q[0] = a < 0.5 ? 1.0 + less : exp(-a);
+        raise(a, g->sizes[k], q);
+        q[0] = less;
     }
 }
 
@@ -155,24 +174,33 @@ static double at_sample(const Group *g, const double *x) {
     return sum;
 }
 
-/* Let the state [N M] be [Phi' N, Phi' M Phi]; sum: (lanes,) to work with. */
-static void predict(const Group *g, const double *q, double *state, double *sum) {
-    const double *of = q;
-    double *rows = state, *m = state + g->columns;
-    for (int64_t k = 0; k < g->kernels; k++) {
-        const int64_t size = g->sizes[k];
-        for (int64_t j = 0; j < size; j++, rows += g->lanes) {
-            fill(sum, g->lanes, 0.0);
-            for (int64_t i = 0; i < size - j; i++) {
-                add_row(sum, of[i], rows + i * g->lanes, g->lanes);
+/* Let the r rows of so many lanes, each that far from the next, be Phi' times them; sum: (lanes,)
+ * to work with. */
+WITHIN void rows_onwards(const Group *g, const double *q, double *rows, int64_t lanes,
+                         double *sum) {
+    for (int64_t k = 0; k < g->kernels; q += g->sizes[k++]) {
+        for (int64_t left = g->sizes[k]; left > 0; left--, rows += g->lanes) {
+            fill(sum, lanes, 0.0);
+            for (int64_t i = 0; i < left; i++) {
+                add_row(sum, q[i], rows + i * g->lanes, lanes);
             }
-            add_row(rows, 1.0, sum, g->lanes);
+            add_row(rows, 1.0, sum, lanes);
         }
-        of += size;
     }
+}
+
+/* Let the state [N M] be [Phi' N, Phi' M Phi], as Phi' (Phi' M)'. */
+WITHIN void predict(const Group *g, const double *q, double *state, double *sum) {
+    double *m = state + g->begin;
+    rows_onwards(g, q, state, g->lanes, sum);
     for (int64_t i = 0; i < g->rank; i++) {
-        onwards(g, q, m + i * g->lanes);
+        for (int64_t j = 0; j < i; j++) {
+            const double kept = m[i * g->lanes + j];
+            m[i * g->lanes + j] = m[j * g->lanes + i];
+            m[j * g->lanes + i] = kept;
+        }
     }
+    rows_onwards(g, q, m, g->lanes - g->begin, sum);
     /* Symmetric to the bit: what is not would stay for good, and add up. */
     for (int64_t i = 0; i < g->rank; i++) {
         for (int64_t j = 0; j < i; j++) {
@@ -183,7 +211,7 @@ static void predict(const Group *g, const double *q, double *state, double *sum)
 
 /* Take a sample whose noise is given; write its l, [g z] and w; 0 if its variance is not positive.
  * seen: (lanes,) to work with. */
-static int take(const Group *g, double noise, const double *values, double *state, Row row,
+WITHIN int take(const Group *g, double noise, const double *values, double *state, Row row,
                 double *seen) {
     double variance = noise, *line = state;
     fill(seen, g->lanes, 0.0);
@@ -191,7 +219,7 @@ static int take(const Group *g, double noise, const double *values, double *stat
         variance += g->variances[k];
         add_row(seen, g->variances[k], line, g->lanes);
     }
-    variance -= at_sample(g, seen + g->columns);
+    variance -= at_sample(g, seen + g->begin);
     if (!(variance > 0.0)) {
         return 0;
     }
@@ -200,7 +228,7 @@ static int take(const Group *g, double noise, const double *values, double *stat
         seen[j] = row.white[j] = ((j ? values[j - 1] : 1.0) - seen[j]) / *row.l;
     }
     for (int64_t i = 0; i < g->rank; i++) {
-        double *solved = seen + g->columns + i;
+        double *solved = seen + g->begin + i;
         *solved = row.w[i] = (g->first_past[i] - *solved) / *row.l;
     }
     for (int64_t i = 0; i < g->rank; i++) {
@@ -235,6 +263,7 @@ static void sum_up(const Group *g, double information, const Row *before, Row ro
  *
  * The sums are A = information + g' g, g' z and q = tr z' z - |g' z|^2 / A; e^2 and d, what q and
  * log det K + log A are more than before. */
+WIDE
 int factor_add(const int64_t *sizes, const double *first_past, int64_t kernels,
                const double *constants, int64_t groups, int64_t coordinates,
                const double *information, const double *times, const double *values,
@@ -338,7 +367,7 @@ static int64_t whiten(const Known *known, double time, int64_t count, int slope,
         add_row(seen, f[i], state + i * g->lanes, g->lanes);
     }
     for (int64_t i = 0; i < g->rank; i++) {
-        s[i] = seen[g->columns + i];
+        s[i] = seen[g->begin + i];
     }
     for (int64_t n = begin; n < count; n++) {
         const Row row = row_of(g, known->rows, n);
@@ -380,7 +409,7 @@ int factor_products(const int64_t *sizes, const double *first_past, int64_t kern
         for (int64_t j = 0; j < g->columns; j++) {
             sums[j] = seen[j];
         }
-        explained[i] = begin > 0 ? dot(seen + g->columns, f, g->rank) : 0.0;
+        explained[i] = begin > 0 ? dot(seen + g->begin, f, g->rank) : 0.0;
         for (int64_t n = begin; n < counts[query]; n++) {
             const Row row = row_of(g, known.rows, n);
             for (int64_t j = 0; j < g->columns; j++) {
