@@ -19,15 +19,6 @@
 
 enum { LANES = 4, SPAN = 8 };
 
-/* Lanes are worked four at a time where the processor can: the digits are the same. */
-#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__)
-#define WIDE __attribute__((target_clones("avx2", "default")))
-#define WITHIN static inline __attribute__((always_inline))
-#else
-#define WIDE
-#define WITHIN static inline
-#endif
-
 /* How many numbers each kernel has, (m,), and past(0), (r,); of one group, each kernel's rate, the
  * same where it is motion and 0 where it is noise, and its variance, (m,). */
 typedef struct {
@@ -93,7 +84,7 @@ static void fill(double *a, int64_t n, double value) {
 }
 
 /* Add so many lanes of a row, times a factor, to another. */
-WITHIN void add_row(double *to, double factor, const double *from, int64_t lanes) {
+LOOPS_PART void add_row(double *to, double factor, const double *from, int64_t lanes) {
     for (int64_t begin = 0; begin < lanes; begin += LANES) {
         for (int64_t i = begin; i < begin + LANES; i++) {
             to[i] += factor * from[i];
@@ -176,7 +167,7 @@ static double at_sample(const Group *g, const double *x) {
 
 /* Let the r rows of so many lanes, each that far from the next, be Phi' times them; sum: (lanes,)
  * to work with. */
-WITHIN void rows_onwards(const Group *g, const double *q, double *rows, int64_t lanes,
+LOOPS_PART void rows_onwards(const Group *g, const double *q, double *rows, int64_t lanes,
                          double *sum) {
     for (int64_t k = 0; k < g->kernels; q += g->sizes[k++]) {
         for (int64_t left = g->sizes[k]; left > 0; left--, rows += g->lanes) {
@@ -190,7 +181,7 @@ WITHIN void rows_onwards(const Group *g, const double *q, double *rows, int64_t 
 }
 
 /* Let the state [N M] be [Phi' N, Phi' M Phi], as Phi' (Phi' M)'. */
-WITHIN void predict(const Group *g, const double *q, double *state, double *sum) {
+LOOPS_PART void predict(const Group *g, const double *q, double *state, double *sum) {
     double *m = state + g->begin;
     rows_onwards(g, q, state, g->lanes, sum);
     for (int64_t i = 0; i < g->rank; i++) {
@@ -211,7 +202,7 @@ WITHIN void predict(const Group *g, const double *q, double *state, double *sum)
 
 /* Take a sample whose noise is given; write its l, [g z] and w; 0 if its variance is not positive.
  * seen: (lanes,) to work with. */
-WITHIN int take(const Group *g, double noise, const double *values, double *state, Row row,
+LOOPS_PART int take(const Group *g, double noise, const double *values, double *state, Row row,
                 double *seen) {
     double variance = noise, *line = state;
     fill(seen, g->lanes, 0.0);
@@ -263,7 +254,7 @@ static void sum_up(const Group *g, double information, const Row *before, Row ro
  *
  * The sums are A = information + g' g, g' z and q = tr z' z - |g' z|^2 / A; e^2 and d, what q and
  * log det K + log A are more than before. */
-WIDE
+LOOPS_WIDE
 int factor_add(const int64_t *sizes, const double *first_past, int64_t kernels,
                const double *constants, int64_t groups, int64_t coordinates,
                const double *information, const double *times, const double *values,

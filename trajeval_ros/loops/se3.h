@@ -8,6 +8,7 @@
 
 #include <stdint.h>
 
+int so3_log(const double *rotations, double *phi, int64_t count);
 int se3_inverse(const double *poses, double *inverses, int64_t count);
 int se3_adjoint(const double *poses, double *adjoints, int64_t count);
 int se3_log(const double *poses, double *xi, int64_t count, const double *table, int64_t terms);
