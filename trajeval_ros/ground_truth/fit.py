@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -87,7 +88,7 @@ class Fits:
         squares, _ = epoch.regression.innovations(1)
         squares = squares.reshape(2, -1, squares.shape[1]).sum(axis=1)
         means = [
-            float(np.mean(group[min(since, len(group)) - 1 :])) / 3.0
+            float(group[min(since, len(group)) - 1 :].mean()) / 3.0
             for group, since in zip(squares, epoch.since, strict=True)
         ]
         self._recent.append((means[0], means[1]))
@@ -99,7 +100,7 @@ class Fits:
             if not self._anew or stamp - self._anew[-1] > _SECOND:
                 self._anew.append(stamp)
         self._noise = _noise(epoch.process)
-        translation, rotation = (float(np.median(each)) for each in zip(*self._recent, strict=True))
+        translation, rotation = (median(each) for each in zip(*self._recent, strict=True))
         self.fit = Fit(
             (translation, rotation),
             self._noise,
