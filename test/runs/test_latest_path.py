@@ -21,6 +21,7 @@ from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import settings_of
 from trajeval_ros.report.after_closure import after_closure
 from trajeval_ros.runs import latest_path
+from trajeval_ros.runs.beside import outcome_of
 from trajeval_ros.runs.latest_path import LatestPath, on_positions, scored
 from trajeval_ros.runs.session import Session
 
@@ -114,6 +115,27 @@ def test_nothing_to_score_by() -> None:
     assert latest.figures["scored"] == 0
     assert after_closure(latest.figures) is None
     assert not latest.score()
+
+
+def test_beside_it_is_of_what_there_was_and_of_its_run_alone() -> None:
+    stamps, truth, drifted = run(50)
+    path = PoseSamples(stamps, *se3.to_position_quaternion(truth))
+    latest = LatestPath(*PARTS)
+    latest.take(path)
+    latest.add(evaluated(stamps[:30], truth[:30], drifted[:30]))
+    due = latest.due()
+    assert due is not None
+    assert latest.due() is None
+    latest.add(evaluated(stamps[30:], truth[30:], drifted[30:]))
+    due.take(outcome_of(due.do))
+    assert latest.figures is not None
+    assert latest.figures["scored"] == 30
+    due = latest.due()
+    assert due is not None
+    outcome = outcome_of(due.do)
+    latest.clear()
+    due.take(outcome)
+    assert latest.figures is None
 
 
 def test_a_session_writes_it_and_it_can_be_computed_again(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from trajeval_ros.files.output import OutputError
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.parameters import ParameterError, complete
 from trajeval_ros.runs import several
+from trajeval_ros.runs.beside import outcome_of
 from trajeval_ros.runs.session import Session
 from trajeval_ros.runs.several import NewestPoses, nats_per_second, newest_compared
 
@@ -237,3 +238,35 @@ def test_positions_alone_are_compared_by_positions_alone(two, monkeypatch):
     assert (pair.ate_rotation, pair.re_translation, pair.re_rotation) == (None, None, None)
     run.causes_of_all()
     assert looked_at == []
+
+
+def test_beside_a_comparison_is_of_what_there_was(two):
+    run = session()
+    half = len(two[0].ground_truth) // 2
+    middle = int(two[0].ground_truth.stamps[half])
+    first = [each.estimate[: int(np.searchsorted(each.estimate.stamps, middle))] for each in two]
+    run.feed(two[0].ground_truth[:half], *first)
+    run.advance_all(None)
+    expected = run.comparisons("block_t")
+    found = []
+    work = run.comparison("block_t", lambda *both: found.append(both), pairs=True)
+    alone = run.comparison("block_t", lambda *both: found.append(both), pairs=False)
+    rest = [one.estimate[len(part) :] for one, part in zip(two, first, strict=True)]
+    run.feed(two[0].ground_truth[half:], *rest)
+    run.finish_all()
+    work.take(outcome_of(work.do))
+    alone.at_once()
+    assert found == [(expected, ()), ((), ())]
+    assert run.comparisons("block_t") != expected
+
+
+def test_a_defect_of_a_comparison_beside_is_a_line(two, monkeypatch):
+    run = session()
+    run.feed(two[0].ground_truth, two[0].estimate, two[1].estimate)
+    run.finish_all()
+    monkeypatch.setattr("trajeval_ros.runs.session.newest_compared", lambda *given: 1 / 0)
+    found = []
+    run.comparison("block_t", lambda *both: found.append(both), pairs=True).at_once()
+    assert found == [((), ())]
+    (line,) = run.defects
+    assert "ZeroDivisionError" in line

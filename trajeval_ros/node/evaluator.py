@@ -109,6 +109,7 @@ class Evaluator(Node):
         sources = dict(zip(("ground truth", *names), topics, strict=True))
         self._session = Session(values, sources, beside=True)
         self._lessons, self._fits, self._searches = Beside(), Beside(), Beside()
+        self._paths, self._comparisons = Beside(), Beside()
         parameters.watch(self, table(names), self._session.change)
         self._metrics = Table(self, "~/metrics")
         self._estimates = [
@@ -182,7 +183,9 @@ class Evaluator(Node):
         """Publish what there is at the end of a run."""
         self._lessons.take(wait=True)
         self._publish(self._session.finish_all())
+        self._paths.take(wait=True)
         self._session.score_latest_paths()
+        self._comparisons.take(wait=True)
         for each in self._estimates:
             each.publish_metrics(refresh=True)
         if self._compared is not None:
@@ -223,7 +226,7 @@ class Evaluator(Node):
 
     def _on_comparison(self) -> None:
         if self._compared is not None:
-            self._compared.publish()
+            self._comparisons.start(self._compared.due)
 
     def _take_up(self, now: float) -> None:
         """Go on with what was learned, fitted and found beside."""
@@ -236,6 +239,14 @@ class Evaluator(Node):
             self._next_fit = now + took / SHARE
             for each in self._estimates:
                 each.is_due = True
+        took = self._paths.take()
+        if took is not None:
+            self._next_path = now + took / SHARE
+            for each in self._estimates:
+                each.is_due = True
+        took = self._comparisons.take()
+        if took is not None and self._compared is not None:
+            self._compared.took(took)
 
     def _on_error_model(self) -> None:
         """Begin the fit of a block or the window; one that took long makes the next one wait."""
@@ -246,11 +257,8 @@ class Evaluator(Node):
 
     def _on_latest_paths(self) -> None:
         """Score the latest whole trajectories; what takes long makes the next time wait."""
-        begin = time.monotonic()
-        if begin >= self._next_path and self._session.score_latest_paths():
-            self._next_path = begin + (time.monotonic() - begin) / SHARE
-            for each in self._estimates:
-                each.is_due = True
+        if time.monotonic() >= self._next_path:
+            self._paths.start(self._session.paths_due)
 
     def _on_causes(self) -> None:
         self._searches.start(self._session.search_due)
@@ -492,6 +500,7 @@ class Evaluator(Node):
     def _save(self, *, last: bool = False) -> str | None:
         """Write the output folder; its path, an empty string if there is none, None on failure."""
         self._fits.take(wait=True)
+        self._paths.take(wait=True)
         try:
             path = self._session.save(last=last)
         except OutputError as error:

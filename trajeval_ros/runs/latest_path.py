@@ -10,6 +10,7 @@ answers to the poses when they came, beside the same poses as they came.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.online.settings import EstimateSettings, EvaluationSettings
 from trajeval_ros.online.summary import ate_alignment
+from trajeval_ros.runs.beside import Outcome, Work
 
 Array = npt.NDArray[np.float64]
 Figures = dict[str, Any]
@@ -54,6 +56,7 @@ class LatestPath:
         self._every = 1
         self._seen = 0
         self._is_new = False
+        self._run = 0
 
     def add(self, evaluations: Evaluations) -> None:
         """Keep evaluated poses, but for those in the ground truth's gaps, as ATE does."""
@@ -78,30 +81,45 @@ class LatestPath:
         """A new run has begun; the trajectory goes on."""
         self._stamps, self._poses = self._stamps[:0], self._poses[:0]
         self._every, self._seen, self.figures = 1, 0, None
+        self._run += 1
+
+    def due(self) -> Work | None:
+        """The score of what has come; None where nothing has since the last time."""
+        if not self._is_new or self.path is None:
+            return None
+        self._is_new = False
+        run = self._run
+
+        def take(figures: Outcome) -> None:
+            # Of a run that has ended, nothing.
+            if run == self._run:
+                self.figures = figures()
+
+        return Work(partial(self._scored, self.path, self._stamps, self._poses), take)
 
     def score(self) -> bool:
-        """Score what has come; False where nothing has since the last time."""
-        if not self._is_new or self.path is None:
-            return False
-        self._is_new = False
-        self.figures = self._scored(self.path)
-        return True
+        """Score what has come at once; False where nothing has since the last time."""
+        work = self.due()
+        if work is not None:
+            work.at_once()
+        return work is not None
 
-    def _scored(self, path: PoseSamples) -> Figures:
+    def _scored(self, path: PoseSamples, evaluated: npt.NDArray[np.int64], poses: Array) -> Figures:
+        """The figures of a path, by poses evaluated at so many stamps. Touches nothing else."""
         path = turned(path, self._axes)
         usable = _usable(path)
         stamps = path.stamps[usable]
-        places = np.searchsorted(stamps, self._stamps)
+        places = np.searchsorted(stamps, evaluated)
         found = places < len(stamps)
-        found[found] = stamps[places[found]] == self._stamps[found]
+        found[found] = stamps[places[found]] == evaluated[found]
         index = np.flatnonzero(usable)[places[found]]
         corrected = se3.compose(
             se3.from_position_quaternion(path.positions[index], path.quaternions[index]),
             self._from_body,
         )
-        truth, online = self._poses[found, 0], self._poses[found, 1]
-        shared = self._stamps[found] + self._offset
-        after, before = (self._conventional(shared, truth, poses) for poses in (corrected, online))
+        truth, online = poses[found, 0], poses[found, 1]
+        shared = evaluated[found] + self._offset
+        after, before = (self._conventional(shared, truth, each) for each in (corrected, online))
         return {
             "poses": len(path),
             "scored": len(shared),

@@ -20,7 +20,7 @@ from trajeval_ros.online.positions import rows_of
 from trajeval_ros.online.results import Results
 from trajeval_ros.report import Report
 from trajeval_ros.report.track import Track
-from trajeval_ros.runs.beside import Work
+from trajeval_ros.runs.beside import Outcome, Work
 from trajeval_ros.runs.error_models import LiveErrorModels, put_into
 from trajeval_ros.runs.latest_path import LatestPath, on_positions
 from trajeval_ros.runs.position_models import LivePositionModels, PositionsDue
@@ -150,12 +150,16 @@ class Record:
         models = self.on_positions if self._is_on_positions else self.models
         return shield("the error model", lambda: models.figures, lack, self.report.say)
 
-    def score_latest_path(self) -> bool:
-        """Score the latest whole trajectory, if there is a new one, or more to score it by."""
-        latest = self.latest_path
-        return latest is not None and shield(
-            "the latest path", latest.score, False, self.report.say
-        )
+    def path_due(self) -> Work | None:
+        """The score of the latest whole trajectory, if it is new, or there is more to score by."""
+        due = None if self.latest_path is None else self.latest_path.due()
+        if due is None:
+            return None
+
+        def take(outcome: Outcome) -> None:
+            shield("the latest path", lambda: due.take(outcome), None, self.report.say)
+
+        return Work(due.do, take)
 
     def of_latest_path(self, position_only: bool) -> dict[str, Any] | None:
         """The figures of the latest whole trajectory, as far as it has been scored."""
@@ -185,7 +189,9 @@ class Record:
         """Return an engine's summary as ``summary.json`` has it."""
         whole = {**summary, "likely_causes": [asdict(cause) for cause in self.causes]}
         put_into(whole, self.error_models)
-        self.score_latest_path()
+        path = self.path_due()
+        if path is not None:
+            path.at_once()
         latest_path = self.of_latest_path(bool(summary.get("position_only")))
         if latest_path is not None:
             whole["latest_path"] = latest_path

@@ -8,11 +8,11 @@ import itertools
 import json
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.comparison.ratio import Method
@@ -38,7 +38,7 @@ from trajeval_ros.online.parameters import (
 from trajeval_ros.online.results import Health, Results, TopicHealth
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report import render_several
-from trajeval_ros.runs.beside import Work
+from trajeval_ros.runs.beside import Outcome, Work, outcome_of
 from trajeval_ros.runs.fixes import notices_of_fixes, put_fixes_into
 from trajeval_ros.runs.latest_path import LatestPath
 from trajeval_ros.runs.origin import origin
@@ -52,6 +52,8 @@ from trajeval_ros.runs.several import (
     together,
 )
 from trajeval_ros.wall import shield
+
+T = TypeVar("T")
 
 _SUMMARY = "summary.json"
 _OF_ONE = (*FILES, LATEST_PATH)
@@ -184,9 +186,17 @@ class Session:
             record.latest_path = LatestPath(settings.evaluation, own)
         record.latest_path.take(path)
 
+    def paths_due(self) -> Work | None:
+        """The scores of the latest whole trajectories, where there are new ones."""
+        found = (record.path_due() for record in self._records.values())
+        return Work.together([path for path in found if path is not None])
+
     def score_latest_paths(self) -> bool:
-        """Score the latest whole trajectories, where there are new ones; 0.1 s at the most."""
-        return sum(record.score_latest_path() for record in self._records.values()) > 0
+        """Score those that are due at once, 0.1 s at the most; whether there were any."""
+        work = self.paths_due()
+        if work is not None:
+            work.at_once()
+        return work is not None
 
     def latest_path_of(self, name: str | None = None) -> dict[str, Any] | None:
         """The figures of an estimate's latest whole trajectory, if it publishes such."""
@@ -291,32 +301,50 @@ class Session:
 
         ``method``: where the intervals come from; the best that is installed where None.
         """
-        settings = self.engine.settings.evaluation
-        known = {name: {"position_only": self.is_position_only(name)} for name in self.names}
-        return shield(
-            "the comparison",
-            lambda: comparisons_on_positions(
-                newest_compared(self._newest, settings, method), known
-            ),
-            (),
-            self.say,
-        )
+        return self._said_of_all("the comparison", self._comparing(method))
 
     def causes_of_all(self) -> tuple[Cause, ...]:
         """What is likely wrong by what several estimates have in common, if anything is."""
-        none: tuple[Cause, ...] = ()
-        return shield(
-            "the search for likely causes",
-            lambda: causes_of_all(
-                [
-                    one.evaluated()
-                    for name, one in zip(self.names, self._newest, strict=False)
-                    if not self.is_position_only(name)
-                ]
-            ),
-            none,
-            self.say,
-        )
+        return self._said_of_all("the search for likely causes", self._finding())
+
+    def comparison(
+        self,
+        method: Method,
+        take: Callable[[tuple[Comparison, ...], tuple[Cause, ...]], None],
+        *,
+        pairs: bool,
+    ) -> Work:
+        """`comparisons`, if ``pairs``, and `causes_of_all`, which ``take`` is given."""
+        of_pairs = self._comparing(method) if pairs else tuple
+        of_all = self._finding()
+
+        def taken(outcomes: Outcome) -> None:
+            compared, found = outcomes()
+            take(
+                self._said_of_all("the comparison", compared),
+                self._said_of_all("the search for likely causes", found),
+            )
+
+        return Work(lambda: (outcome_of(of_pairs), outcome_of(of_all)), taken)
+
+    def _said_of_all(self, what: str, find: Callable[[], tuple[T, ...]]) -> tuple[T, ...]:
+        return shield(what, find, (), self.say)
+
+    def _comparing(self, method: Method | None) -> Callable[[], tuple[Comparison, ...]]:
+        """What compares each pair, as they are by now: it touches nothing of the run."""
+        newest = [each.copy() for each in self._newest]
+        settings = self.engine.settings.evaluation
+        known = {name: {"position_only": self.is_position_only(name)} for name in self.names}
+        return lambda: comparisons_on_positions(newest_compared(newest, settings, method), known)
+
+    def _finding(self) -> Callable[[], tuple[Cause, ...]]:
+        """What finds the causes of all, as they are by now: it touches nothing of the run."""
+        turning = [
+            one.evaluated()
+            for name, one in zip(self.names, self._newest, strict=False)
+            if not self.is_position_only(name)
+        ]
+        return lambda: causes_of_all(turning)
 
     def figures(self, name: str | None = None) -> dict[str, object]:
         """The engine's figures, with the messages in them that could not be read."""

@@ -300,6 +300,12 @@ class NewestPoses:
         if self._count > 2 * self._most:
             self._join()
 
+    def copy(self) -> NewestPoses:
+        """Another one with the same poses, to be read in another thread."""
+        joined, other = self._join(), NewestPoses(self._name, self._offset, self._most)
+        other._kept, other._count, other._forgotten = [joined], self._count, self._forgotten
+        return other
+
     def _join(self) -> Evaluated:
         if len(self._kept) == 1:
             return self._kept[0]
