@@ -36,6 +36,8 @@ GAUGES: tuple[Gauge, ...] = ("none", "se3", "yaw_translation", "sim3")
 _UNOBSERVED_BELOW = 1e-12
 # Points are coincident where their standard deviation could be the round-off of their mean.
 _COINCIDENT_BELOW = 64 * np.finfo(np.float64).eps
+# So many pairs are summed together.
+_TOGETHER = 4096
 
 
 class Degeneracy(enum.StrEnum):
@@ -87,6 +89,13 @@ class Moments:
             raise ValueError(
                 f"source and target must both be (M, 3), got {source.shape} and {target.shape}"
             )
+        if len(source) > _TOGETHER:
+            # A whole run, a part at a time, so as not to be there several times.
+            found = cls.empty()
+            for begin in range(0, len(source), _TOGETHER):
+                here = slice(begin, begin + _TOGETHER)
+                found = found.merged(cls.of(source[here], target[here]))
+            return found
         points = np.concatenate((source, target), axis=1)
         if not np.isfinite(points).all():
             raise ValueError("source and target must be finite")

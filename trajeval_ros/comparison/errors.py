@@ -14,11 +14,13 @@ from trajeval_ros.alignment.umeyama import Gauge
 from trajeval_ros.comparison.common import Evaluated, Indices
 from trajeval_ros.conventional.running import RunningConventional
 from trajeval_ros.conventional.step_pairs import StepUnit
+from trajeval_ros.conventional.sub_trajectories import errors_between
 
 Array = npt.NDArray[np.float64]
 
 # A step that takes longer than this, in steps, has a gap in it.
 _LONGEST_STEP = 1.5
+_PIECE = 1024
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,30 +71,26 @@ def errors_of(
     running.update(evaluated.stamps, evaluated.ground_truth, evaluated.estimate)
     known = running.figures()
     alignment = known.alignment
-    turn = _rotations(evaluated.ground_truth).swapaxes(-1, -2)
     ate_translation = ate_rotation = re_translation = None
     if alignment is not None and known.ate_translation_rmse is not None:
         moved = alignment.transform_positions(evaluated.estimate[:, :3, 3])
         ate_translation = np.linalg.norm(moved - evaluated.ground_truth[:, :3, 3], axis=-1)
     if alignment is not None and known.ate_rotation_rmse is not None:
-        ate_rotation = _angles(turn @ alignment.rotation @ _rotations(evaluated.estimate))
-    truth = _between(evaluated.ground_truth, begin, end)
-    moved_by = _between(evaluated.estimate, begin, end)
+        ate_rotation = _angles(evaluated, alignment.rotation)
+    scale = 1.0 if alignment is None else float(alignment.scale)
+    of_steps = errors_between(evaluated.ground_truth, evaluated.estimate, begin, end, scale)
     if alignment is not None and (gauge != "sim3" or known.re_translation_rmse is not None):
-        difference = alignment.scale * moved_by[:, :3, 3] - truth[:, :3, 3]
-        re_translation = np.linalg.norm(difference, axis=-1)
-    re_rotation = _angles(_rotations(truth).swapaxes(-1, -2) @ _rotations(moved_by))
-    return Errors(ate_translation, ate_rotation, re_translation, re_rotation)
+        re_translation = of_steps.translation
+    return Errors(ate_translation, ate_rotation, re_translation, of_steps.rotation)
 
 
-def _rotations(poses: Array) -> Array:
-    return poses[:, :3, :3]
-
-
-def _angles(rotations: Array) -> Array:
-    angles: Array = np.linalg.norm(se3.log_so3(rotations), axis=-1)
+def _angles(evaluated: Evaluated, rotation: Array) -> Array:
+    """Of the estimate turned by an alignment's ``rotation`` from the ground truth, (M,)."""
+    angles = np.empty(len(evaluated))
+    # All of a long run need not be there twice.
+    for begin in range(0, len(angles), _PIECE):
+        here = slice(begin, begin + _PIECE)
+        back = evaluated.ground_truth[here, :3, :3].swapaxes(-1, -2)
+        turn = back @ rotation @ evaluated.estimate[here, :3, :3]
+        angles[here] = np.linalg.norm(se3.log_so3(turn), axis=-1)
     return angles
-
-
-def _between(poses: Array, begin: Indices, end: Indices) -> Array:
-    return se3.compose(se3.inverse(poses[begin]), poses[end])

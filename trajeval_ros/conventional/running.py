@@ -51,7 +51,7 @@ Stamps = npt.NDArray[np.int64]
 
 # Poses wait for each other until so many have come or a figure is asked for: the cost of a
 # batch hardly depends on its size.
-_BATCH = 256
+_BATCH, _MOST = 256, 1024
 
 # The motion that shows a rotation is larger than the errors by this factor, per axis.
 _SHOWN = 1.5
@@ -146,10 +146,14 @@ class RunningConventional:
         if not (np.isfinite(ground_truth).all() and np.isfinite(estimate).all()):
             raise ValueError("ground_truth and estimate must be finite")
         self._last_stamp = int(stamps[-1])
-        self._waiting.append((stamps.copy(), ground_truth.copy(), estimate.copy()))
-        self._waiting_poses += count
-        if self._waiting_poses >= _BATCH:
-            self._take_in()
+        # A whole run, too, a part at a time.
+        for begin in range(0, count, _MOST):
+            some = slice(begin, begin + _MOST)
+            part = stamps[some].copy(), ground_truth[some].copy(), estimate[some].copy()
+            self._waiting.append(part)
+            self._waiting_poses += len(part[0])
+            if self._waiting_poses >= _BATCH:
+                self._take_in()
 
     def figures(self) -> ConventionalFigures:
         """The RMS errors so far; a fraction of a millisecond."""

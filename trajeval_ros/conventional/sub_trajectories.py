@@ -44,6 +44,8 @@ _PAIR_TOLERANCE = 0.1
 # Of a length so many pairs at most, over three decades of lengths.
 _GROWTH_PAIRS, _GROWTH_LENGTHS = 500, 10
 _COARSE = 1_000_000_000
+# So many pairs at a time: a run may be long.
+_PIECE = 1024
 # The mean length of a normal vector in three dimensions, in its standard deviations on an axis.
 _MEAN_LENGTH = math.sqrt(8.0 / math.pi)
 
@@ -78,6 +80,19 @@ def errors_between(
         end: indices.
         scale: of the estimate, in the ground truth's metre.
     """
+    pieces = [
+        _errors_of_pairs(ground_truth, estimate, begin[some], end[some], scale)
+        for some in (slice(at, at + _PIECE) for at in range(0, max(len(begin), 1), _PIECE))
+    ]
+    return Steps(
+        np.concatenate([piece.translation for piece in pieces]),
+        np.concatenate([piece.rotation for piece in pieces]),
+    )
+
+
+def _errors_of_pairs(
+    ground_truth: Array, estimate: Array, begin: Indices, end: Indices, scale: float
+) -> Steps:
     truth, moved = (
         se3.compose(se3.inverse(poses[begin]), poses[end]) for poses in (ground_truth, estimate)
     )

@@ -26,7 +26,7 @@ Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # Bytes.
-_BLOCK, _HEAD = 1 << 20, 1 << 16
+_BLOCK, _HEAD = 1 << 18, 1 << 16
 # So many digits are always held by 64 bits; one more are told by their sign.
 _DIGITS = 18
 _NOT_PLAIN = re.compile(rb"[^\t\n\r -~]|\r(?!\n)")

@@ -78,7 +78,7 @@ def _none_is_given(quaternions: Array) -> bool:
 def _normalised(quaternions: Array) -> tuple[Array, tuple[str, ...]]:
     """Quaternions (N, 4) of one norm that is not 1, made 1; what differs in norm stays."""
     with np.errstate(over="ignore", invalid="ignore"):
-        norms = np.linalg.norm(quaternions, axis=1)
+        norms = np.sqrt(np.einsum("ij,ij->i", quaternions, quaternions))
     known = norms[np.isfinite(norms) & (norms > 0.0)]
     if len(known) < _FEWEST:
         return quaternions, ()

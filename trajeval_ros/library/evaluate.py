@@ -111,7 +111,7 @@ def _evaluate(
         for name, one in estimates.items()
     }
     note_orientations(engine, truth.data, {name: one.data for name, one in estimates.items()})
-    kept = {name: WholeRun() for name in names}
+    kept = {name: WholeRun(len(one), with_all=True) for name, one in estimates.items()}
     samples = {name: one.samples for name, one in estimates.items()}
     for found in feed_evenly(engine, truth.samples, samples, _PIECES):
         for name, results in found.items():

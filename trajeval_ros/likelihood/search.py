@@ -95,14 +95,12 @@ class Problem:
 
     def residuals(self, alignment: Similarity) -> Array:
         """All residuals alone, (M, 6)."""
-        count = len(self.estimate)
-        pieces = (slice(begin, begin + _PIECE) for begin in range(0, count, _PIECE))
-        return np.concatenate(
-            [
-                absolute_residual(self.ground_truth[here], alignment.apply(self.estimate[here]))
-                for here in pieces
-            ]
-        )
+        found = np.empty((len(self.estimate), 6))
+        for begin in range(0, len(found), _PIECE):
+            here = slice(begin, begin + _PIECE)
+            aligned = alignment.apply(self.estimate[here])
+            found[here] = absolute_residual(self.ground_truth[here], aligned)
+        return found
 
     def chi2(self, alignment: Similarity) -> float:
         """What is minimised."""

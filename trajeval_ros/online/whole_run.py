@@ -86,7 +86,7 @@ def grown(poses: Poses, settings: EvaluationSettings) -> dict[str, tuple[Box, ..
 
     Of the poses outside the gaps; none where there is no length, or, in `sim3`, no scale.
     """
-    known = poses.sampled
+    known = _known(poses.sampled)
     stamps, truth, estimate = poses.stamps[known], poses.ground_truth[known], poses.estimate[known]
     if len(stamps) < 2:
         return {"time": (), "distance": ()}
@@ -103,13 +103,18 @@ def grown(poses: Poses, settings: EvaluationSettings) -> dict[str, tuple[Box, ..
     }
 
 
+def _known(sampled: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_] | slice:
+    """What to index with; all of a long run need not be there twice."""
+    return slice(None) if sampled.all() else sampled
+
+
 def drift(poses: Poses, settings: EvaluationSettings) -> Figures:
     """The conventional figures over sub-trajectories, of the poses outside the gaps.
 
     What is divided by a path, or goes along it, is None where the path is the ground truth's noise;
     and all is None in `sim3` where the scale is not observed.
     """
-    known = poses.sampled
+    known = _known(poses.sampled)
     stamps, truth, estimate = poses.stamps[known], poses.ground_truth[known], poses.estimate[known]
     nothing: Figures = dict.fromkeys(("path_length", "all_pairs", "kitti"))
     nothing["sub_trajectories"] = []

@@ -14,6 +14,7 @@ Stamps = npt.NDArray[np.int64]
 SECOND = 1_000_000_000
 # So many stamps are looked at together: a look costs the same for one.
 _TOGETHER = 2048
+_MOST = 1 << 16
 # A stamp this far from the one before is believed when the next one confirms it: one message
 # stamped 1970 must not stretch the time axis over half a century.
 _LEAP = 3600 * SECOND
@@ -52,10 +53,13 @@ class Coverage:
 
     def add(self, stamps: Stamps) -> None:
         """Take in stamps as they come, in any order."""
-        self._waiting.append(np.asarray(stamps, np.int64))
-        self._number_waiting += len(stamps)
-        if self._number_waiting >= _TOGETHER:
-            self._take()
+        # Those of a whole run, too, a part at a time.
+        for begin in range(0, len(stamps), _MOST):
+            some = np.asarray(stamps[begin : begin + _MOST], np.int64)
+            self._waiting.append(some)
+            self._number_waiting += len(some)
+            if self._number_waiting >= _TOGETHER:
+                self._take()
 
     def _take(self) -> None:
         """Look at those that wait."""

@@ -88,13 +88,19 @@ def posed(trajectory: Trajectory) -> tuple[Stamps, Array]:
 
 def _extent(positions: Array) -> float:
     """How far positions (N, 3) are from their mean, root mean square, m; infinite of none."""
-    near = positions[_near(positions)]
-    return float(np.sqrt(near.var(axis=0).sum())) if len(near) > 1 else float("inf")
+    near = _near(positions)
+    if np.count_nonzero(near) < 2:
+        return float("inf")
+    # One axis after the other: a run may be long.
+    return float(np.sqrt(sum(positions[near, axis].var() for axis in range(3))))
 
 
 def _near(positions: Array) -> Mask:
     """Which positions (N, 3) are finite and no farther off than any."""
-    return np.asarray((np.abs(positions) <= LARGEST_COORDINATE).all(axis=1))
+    near = np.ones(len(positions), dtype=np.bool_)
+    for axis in range(3):
+        near &= np.abs(positions[:, axis]) <= LARGEST_COORDINATE
+    return near
 
 
 def _rmse(known: tuple[Stamps, Array], other: tuple[Stamps, Array], offset: float) -> float | None:

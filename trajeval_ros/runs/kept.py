@@ -17,23 +17,38 @@ from trajeval_ros.online.results import NO_EVALUATIONS, Evaluations, Results
 from trajeval_ros.online.whole_run import Poses
 
 _COLUMNS = tuple(field.name for field in fields(Evaluations))
+# What no figure of a whole run is made of.
+_ERRORS = ("relative_error", "absolute_error")
+_LIKELIHOODS = ("chi2", "log_det", "log_likelihood", "relative_log_likelihood")
+_OF_POSES_ALONE = frozenset((*_ERRORS, *_LIKELIHOODS))
 
 
 class WholeRun:
-    """Some 900 bytes a pose; what is asked for are views of them, not copies."""
+    """Some 600 bytes a pose, or 730 with all; what is asked for are views of them, not copies."""
 
-    def __init__(self) -> None:
-        self._parts: dict[str, list[npt.NDArray[Any]]] = {
-            name: [getattr(NO_EVALUATIONS, name)] for name in _COLUMNS
-        }
+    def __init__(self, most: int, *, with_all: bool = False) -> None:
+        """Room for so many poses, which is taken as they come.
+
+        Without ``with_all`` errors and likelihoods of single poses are NaN: they are told by then.
+        """
+        self._columns: dict[str, npt.NDArray[Any]] = {}
+        for name in _COLUMNS:
+            none = getattr(NO_EVALUATIONS, name)
+            shape = (most, *none.shape[1:])
+            if with_all or name not in _OF_POSES_ALONE:
+                self._columns[name] = np.empty(shape, dtype=none.dtype)
+            else:
+                self._columns[name] = np.broadcast_to(np.nan, shape)
         self._cross: list[npt.NDArray[np.float64]] = []
         self._ends = [0]
 
     def add(self, results: Results) -> None:
         """Keep the poses."""
-        for name, parts in self._parts.items():
-            parts.append(getattr(results.evaluations, name))
-        self._ends.append(self._ends[-1] + len(results.evaluations))
+        begin, end = self._ends[-1], self._ends[-1] + len(results.evaluations)
+        for name, column in self._columns.items():
+            if column.flags.writeable:
+                column[begin:end] = getattr(results.evaluations, name)
+        self._ends.append(end)
         self._cross.extend(results.cross)
 
     @property
@@ -64,14 +79,11 @@ class WholeRun:
 
         Their stamps on the ground truth's clock are ``offset`` (ns) later.
         """
-        stamps, truth, estimate, sampled = (
-            self._column(field) for field in ("stamps", "ground_truth", "estimate", "sampled")
+        poses = self.poses
+        known = slice(None) if poses.sampled.all() else poses.sampled
+        return Evaluated(
+            name, poses.stamps[known] + offset, poses.ground_truth[known], poses.estimate[known]
         )
-        return Evaluated(name, stamps[sampled] + offset, truth[sampled], estimate[sampled])
 
     def _column(self, name: str) -> npt.NDArray[Any]:
-        """Joined when it is first asked for; the parts go."""
-        parts = self._parts[name]
-        if len(parts) > 1:
-            parts[:] = [np.concatenate(parts)]
-        return parts[0]
+        return self._columns[name][: self._ends[-1]]

@@ -107,7 +107,7 @@ def score(
     whole = is_kept_whole(parameters, len(truth), map(len, estimates.values()))
     engine = Engine(parameters, tuple(scorings), whole=whole)
     note_orientations(engine, truth, {name: one.estimate for name, one in scorings.items()})
-    kept = {name: WholeRun() for name in scorings}
+    kept = {name: WholeRun(len(one.estimate)) for name, one in scorings.items()}
     done = 0
     for found in feed_all(engine, truth.samples, estimates, _chunk(scorings)):
         for name, results in found.items():
@@ -319,7 +319,9 @@ def _look(
 def causes_of_rows(truth: Trajectory, estimate: Trajectory, offset: int) -> tuple[Cause, ...]:
     """What is wrong with rows; ``offset`` (ns) is added to the estimate's stamps."""
     none: tuple[Cause, ...] = ()
-    order = np.argsort(truth.stamps, kind="stable")
+    order: slice | npt.NDArray[np.intp] = slice(None)
+    if (truth.stamps[1:] < truth.stamps[:-1]).any():
+        order = np.argsort(truth.stamps, kind="stable")
     poses = np.concatenate([estimate.positions, estimate.quaternions], axis=1)
     return shield(
         "the search for a lost tracker",
