@@ -28,8 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import lapack
 
+from trajeval_ros import lapack
 from trajeval_ros.ground_truth.kernel_sum import KernelSum, MarkovSum
 
 Array = npt.NDArray[np.float64]
