@@ -8,8 +8,8 @@
  *
  * with e = (1, 0), F = [[f, c], [0, a]] and x of two components, of which the second is nothing but
  * for VELOCITY. The first position is flat of DRIFT and VELOCITY; WANDER has a flat mean instead,
- * by a fourth right-hand side beside the three axes, ones. No Q is inverted, and variances are sums
- * of what is not negative, so that digits stay however small Q or r is beside the other.
+ * by a fourth right-hand side beside the three axes, ones. No Q is inverted, and variances but the
+ * velocity's are sums of what is not negative: digits stay however small Q or r is beside the other.
  */
 #include "loops.h"
 
@@ -40,7 +40,7 @@ typedef struct {
     double score[LANES];    /* u = n / r */
     double state[2][LANES]; /* x */
     double felt[2][LANES];  /* Q⁻¹ w of the step that begins here */
-    double adjoint[LANES];  /* ε: by how much F's slope by the time is felt later */
+    double adjoint[LANES];  /* ε: how F's slope by the time is felt, here and later */
 } Smoothed;
 
 int64_t chain_filtered_size(void) { return sizeof(Filtered) / sizeof(double); }
@@ -110,6 +110,32 @@ static inline int is_proper(int kind, const Filtered *at)
     return at->q[0] > 0.0 && det > 0.0;
 }
 
+/* A state's covariance and mean with a pose, over the step that begins there. */
+static inline void predict(const Filtered *at, double *covariance, double *position,
+                           double *velocity)
+{
+    const double f = at->f, c = at->c, a = at->a, *from = at->covariance;
+    covariance[0] = f * f * from[0] + 2.0 * f * c * from[1] + c * c * from[2] + at->q[0];
+    covariance[1] = a * (f * from[1] + c * from[2]) + at->q[1];
+    covariance[2] = a * a * from[2] + at->q[2];
+    for (int x = 0; x < LANES; x++) {
+        position[x] = f * position[x] + c * velocity[x];
+        velocity[x] *= a;
+    }
+}
+
+/* Σ ν² / S of errors about a mean (3,). */
+static double squares_about(const double *mean, int64_t count, const Filtered *filtered)
+{
+    double squares = 0.0;
+    for (const Filtered *at = filtered; at < filtered + count; at++)
+        for (int x = 0; x < AXES; x++) {
+            const double innovation = at->innovation[x] - mean[x] * at->innovation[MEAN];
+            squares += at->precision * innovation * innovation;
+        }
+    return squares;
+}
+
 /* The filter. parameters (p,), intervals and moved (N - 1,), errors (3, N), variance and measured
  * (N,), filtered (N,). found: log L, the mean's information, the means (3,). Not 0 where there is
  * no likelihood. */
@@ -118,10 +144,10 @@ int chain_filter(int64_t kind, int64_t count, const double *parameters, const do
                  const double *moved, Filtered *filtered, double *found)
 {
     const Process p = process(kind, parameters);
-    /* Predicted: the covariance and the mean of x. */
+    /* Predicted: the covariance B and the mean of x. */
     Symmetric b = {p.kind == WANDER ? p.variance : 0.0, 0.0, p.kind == VELOCITY ? p.variance : 0.0};
     double position[LANES] = {0.0}, velocity[LANES] = {0.0};
-    double log_det = 0.0, product = 1.0, information = 0.0, mean[LANES] = {0.0};
+    double log_det = 0.0, product = 1.0, mean[LANES] = {0.0};
     for (int64_t i = 0; i < count; i++) {
         Filtered *at = filtered + i;
         const double z[LANES] = {errors[i], errors[count + i], errors[2 * count + i],
@@ -131,6 +157,7 @@ int chain_filter(int64_t kind, int64_t count, const double *parameters, const do
         const double r = at->noise = variance[i] + at->jitter;
         if (!(r > 0.0))
             return 1;
+        /* A flat first position has no innovation. */
         const double s = flat ? 1.0 : b[0] + r;
         const double precision = at->precision = flat ? 0.0 : 1.0 / s;
         const double g0 = at->gain[0] = flat ? 1.0 : b[0] * precision;
@@ -149,23 +176,17 @@ int chain_filter(int64_t kind, int64_t count, const double *parameters, const do
             log_det += log(product);
             product = 1.0;
         }
-        const double c00 = at->covariance[0] = r * g0, c01 = at->covariance[1] = r * g1;
-        const double c11 = at->covariance[2] = b[2] - g1 * b[1];
+        at->covariance[0] = r * g0;
+        at->covariance[1] = r * g1;
+        at->covariance[2] = b[2] - g1 * b[1];
         if (i + 1 == count)
             break;
         set_step(&p, intervals[i], moved[i], at);
         if (!is_proper(p.kind, at))
             return 1;
-        const double f = at->f, c = at->c, a = at->a;
-        b[0] = f * f * c00 + 2.0 * f * c * c01 + c * c * c11 + at->q[0];
-        b[1] = a * (f * c01 + c * c11) + at->q[1];
-        b[2] = a * a * c11 + at->q[2];
-        for (int x = 0; x < LANES; x++) {
-            position[x] = f * position[x] + c * velocity[x];
-            velocity[x] *= a;
-        }
+        predict(at, b, position, velocity);
     }
-    information = mean[MEAN];
+    const double information = mean[MEAN];
     if (p.kind == WANDER) {
         if (!(information > 0.0))
             return 1;
@@ -173,15 +194,8 @@ int chain_filter(int64_t kind, int64_t count, const double *parameters, const do
         for (int x = 0; x < AXES; x++)
             mean[x] /= information;
     }
-    double squares = 0.0;
-    for (int64_t i = 0; i < count; i++) {
-        const Filtered *at = filtered + i;
-        for (int x = 0; x < AXES; x++) {
-            const double innovation = at->innovation[x] - mean[x] * at->innovation[MEAN];
-            squares += at->precision * innovation * innovation;
-        }
-    }
-    found[0] = -0.5 * (squares + AXES * (log_det + log(product)));
+    log_det += log(product);
+    found[0] = -0.5 * (squares_about(mean, count, filtered) + AXES * log_det);
     found[1] = p.kind == WANDER ? information : 1.0;
     memcpy(found + 2, mean, AXES * sizeof(double));
     return !isfinite(found[0]);
@@ -245,7 +259,110 @@ static inline void set_disturbance(const double *score, double known, double mos
     *rest = fmax(1.0 / least - own, 0.0);
 }
 
-static int last_of(int kind) { return kind == DRIFT ? 1 : kind == VELOCITY ? 3 : 2; }
+static inline int last_of(int kind) { return kind == DRIFT ? 1 : kind == VELOCITY ? 3 : 2; }
+
+/* What is known, from later on, of the step that begins at a pose: Q⁻¹ w and its variance, and ε. */
+typedef struct {
+    double felt[2][LANES];
+    Symmetric known;
+    double adjoint[LANES];
+} Later;
+
+/* What later poses say of a pose's state: F'felt, and its variance F'known F. */
+typedef struct {
+    double felt[2][LANES];
+    Symmetric known;
+} Back;
+
+static inline void pull_back(const Filtered *at, const Later *later, Back *back)
+{
+    const double f = at->f, c = at->c, a = at->a, *k = later->known;
+    for (int x = 0; x < LANES; x++) {
+        back->felt[0][x] = f * later->felt[0][x];
+        back->felt[1][x] = c * later->felt[0][x] + a * later->felt[1][x];
+    }
+    back->known[0] = f * f * k[0];
+    back->known[1] = f * (c * k[0] + a * k[1]);
+    back->known[2] = c * c * k[0] + 2.0 * c * a * k[1] + a * a * k[2];
+}
+
+/* n / r and x of a pose, with its errors (LANES,) about the mean. */
+static inline void set_pose(const Filtered *at, const double *errors, const double *mean,
+                            const Back *back, Smoothed *to)
+{
+    const double *b0 = back->felt[0], *b1 = back->felt[1], *c = at->covariance;
+    for (int x = 0; x < LANES; x++) {
+        const double innovation = at->innovation[x] - mean[x] * at->innovation[MEAN];
+        to->score[x] = at->precision * innovation - at->gain[0] * b0[x] - at->gain[1] * b1[x];
+        to->state[0][x] = errors[x] - at->noise * to->score[x];
+        to->state[1][x] = at->velocity[x] + c[1] * b0[x] + c[2] * b1[x];
+    }
+}
+
+/* The variance of a pose's score. */
+static inline double known_of_pose(const Filtered *at, const Back *back)
+{
+    const double g0 = at->gain[0], g1 = at->gain[1], *k = back->known;
+    return at->precision + g0 * g0 * k[0] + 2.0 * g0 * g1 * k[1] + g1 * g1 * k[2];
+}
+
+/* Adds a step's part of the gradient: half of ∂Q by Σ felt felt' - 3 known and, of the column of ∂F,
+ * Σ x felt' - 3 cov(x, felt), x the state's last component. spread: the variance of the mean. */
+static inline void add_slopes(const Process *p, const Slopes *slopes, const Filtered *at,
+                              const Smoothed *to, const Later *later, double spread,
+                              double *gradient)
+{
+    const int last = last_of(p->kind), own = p->kind == VELOCITY;
+    const double *f0 = later->felt[0], *f1 = later->felt[1], *x = to->state[own];
+    const double *c = at->covariance, *k = later->known;
+    /* C F' of x. */
+    const double row0 = own ? c[1] * at->f + c[2] * at->c : c[0] * at->f;
+    const double row1 = own ? c[2] * at->a : 0.0;
+    const double one = spread * f0[MEAN];
+    Symmetric felt = {-AXES * (k[0] - one * f0[MEAN]), -AXES * k[1], -AXES * k[2]};
+    double crossed0 = -AXES * (row0 * k[0] + row1 * k[1] - one * to->state[0][MEAN]);
+    double crossed1 = -AXES * (row0 * k[1] + row1 * k[2]);
+    for (int axis = 0; axis < AXES; axis++) {
+        felt[0] += f0[axis] * f0[axis];
+        felt[1] += f0[axis] * f1[axis];
+        felt[2] += f1[axis] * f1[axis];
+        crossed0 += x[axis] * f0[axis];
+        crossed1 += x[axis] * f1[axis];
+    }
+    for (int j = 1; j <= last; j++)
+        gradient[j] += 0.5 * trace(slopes->q[j], felt);
+    if (p->kind != DRIFT)
+        gradient[last] += slopes->column[0] * crossed0 + slopes->column[1] * crossed1;
+}
+
+/* That of the first state's own variance. */
+static inline void add_slope_of_first(const Process *p, const Filtered *at, const Smoothed *to,
+                                      const Back *back, double spread, double *gradient)
+{
+    const int own = p->kind == VELOCITY;
+    const double c0 = at->covariance[own], c1 = own ? at->covariance[2] : 0.0, *k = back->known;
+    const double told = c0 * c0 * k[0] + 2.0 * c0 * c1 * k[1] + c1 * c1 * k[2];
+    const double one = to->state[0][MEAN], *x = to->state[own];
+    double first = AXES * (at->covariance[2 * own] - told + spread * one * one);
+    for (int axis = 0; axis < AXES; axis++)
+        first += x[axis] * x[axis];
+    gradient[last_of(p->kind) - 1] += first / p->variance - AXES;
+}
+
+/* From the step that begins at a pose to the one that ends there. */
+static inline void go_back(const Filtered *at, const Smoothed *to, const Back *back, Later *later)
+{
+    const double left = at->noise * at->precision; /* 1 - g0 */
+    const double g1 = at->gain[1], *k = back->known;
+    later->known[0] =
+        at->precision + left * left * k[0] - 2.0 * left * g1 * k[1] + g1 * g1 * k[2];
+    later->known[1] = left * k[1] - g1 * k[2];
+    later->known[2] = k[2];
+    for (int x = 0; x < LANES; x++) {
+        later->felt[0][x] = to->score[x] + back->felt[0][x];
+        later->felt[1][x] = back->felt[1][x];
+    }
+}
 
 /* The smoother. found: as the filter has left it. smoothed (N,); disturbances: of poses (2, N), of
  * steps (2, N - 1), each squares and rests; gradient (p,). */
@@ -255,98 +372,45 @@ int chain_smooth(int64_t kind, int64_t count, const double *parameters, const do
                  double *gradient)
 {
     const Process p = process(kind, parameters);
-    const int last = last_of(p.kind), own = p.kind == VELOCITY;
+    const int own = p.kind == VELOCITY;
     const double spread = p.kind == WANDER ? 1.0 / found[1] : 0.0; /* the mean's variance */
     const double mean[LANES] = {found[2], found[3], found[4], 0.0};
-    double felt[2][LANES] = {{0.0}}, adjoint[LANES] = {0.0}; /* of the step that begins here */
-    Symmetric known = {0.0};                                 /* of that step: the variance of felt */
+    Later later = {{{0.0}}, {0.0}, {0.0}};
     double slope[PARAMETERS] = {0.0};
     for (int64_t i = count - 1; i >= 0; i--) {
         const Filtered *at = filtered + i;
         Smoothed *to = smoothed + i;
-        const int step = i + 1 < count;
-        const double f = step ? at->f : 0.0, c = step ? at->c : 0.0, a = step ? at->a : 0.0;
-        const double r = at->noise, g0 = at->gain[0], g1 = at->gain[1];
-        /* F'felt and F'known F. */
-        double back[2][LANES];
-        for (int x = 0; x < LANES; x++) {
-            back[0][x] = f * felt[0][x];
-            back[1][x] = c * felt[0][x] + a * felt[1][x];
-        }
-        const Symmetric k = {f * f * known[0], f * (c * known[0] + a * known[1]),
-                             c * c * known[0] + 2.0 * c * a * known[1] + a * a * known[2]};
-        for (int x = 0; x < LANES; x++) {
-            const double z = x == MEAN ? 1.0 : errors[x * count + i] - mean[x];
-            const double innovation = at->innovation[x] - mean[x] * at->innovation[MEAN];
-            to->score[x] = at->precision * innovation - g0 * back[0][x] - g1 * back[1][x];
-            to->state[0][x] = z - r * to->score[x];
-            to->state[1][x] =
-                at->velocity[x] + at->covariance[1] * back[0][x] + at->covariance[2] * back[1][x];
-        }
+        const double z[LANES] = {errors[i] - mean[0], errors[count + i] - mean[1],
+                                 errors[2 * count + i] - mean[2], 1.0};
+        Back back = {{{0.0}}, {0.0}};
+        if (i + 1 < count)
+            pull_back(at, &later, &back);
+        set_pose(at, z, mean, &back, to);
         const double *u = to->score;
-        double told = at->precision + g0 * g0 * k[0] + 2.0 * g0 * g1 * k[1] + g1 * g1 * k[2];
-        told -= spread * u[MEAN] * u[MEAN];
-        set_disturbance(u, told, 1.0 / r, at->jitter, poses + i, poses + count + i);
+        const double known = known_of_pose(at, &back) - spread * u[MEAN] * u[MEAN];
         const double size = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
-        slope[0] += at->jitter * (size - AXES * told);
-        memcpy(to->felt, felt, sizeof felt);
-        memcpy(to->adjoint, adjoint, sizeof adjoint);
-        if (step) {
+        set_disturbance(u, known, 1.0 / at->noise, at->jitter, poses + i, poses + count + i);
+        slope[0] += at->jitter * (size - AXES * known);
+        memcpy(to->felt, later.felt, sizeof to->felt);
+        if (i + 1 < count) {
+            const double *f0 = later.felt[0], *f1 = later.felt[1];
+            const double det = at->q[0] * at->q[2] - at->q[1] * at->q[1];
+            set_disturbance(f0, later.known[0] - spread * f0[MEAN] * f0[MEAN],
+                            own ? at->q[2] / det : 1.0 / at->q[0], at->q[0], steps + i,
+                            steps + count - 1 + i);
             Slopes slopes;
             set_slopes(&p, intervals[i], moved[i], at, &slopes);
-            const double one = spread * felt[0][MEAN];
-            Symmetric all = {known[0] - one * felt[0][MEAN], known[1], known[2]};
-            const double det = at->q[0] * at->q[2] - at->q[1] * at->q[1];
-            const double most = own ? at->q[2] / det : 1.0 / at->q[0];
-            set_disturbance(felt[0], all[0], most, at->q[0], steps + i, steps + count - 1 + i);
-            /* Σ felt felt' - 3 known, and Σ x felt' - 3 cov(x, felt) with x's last component. */
-            Symmetric more = {-AXES * all[0], -AXES * all[1], -AXES * all[2]};
-            const double row[2] = {own ? at->covariance[1] * f + at->covariance[2] * c
-                                       : at->covariance[0] * f,
-                                   own ? at->covariance[2] * a : 0.0};
-            double crossed[2] = {-AXES * (row[0] * known[0] + row[1] * known[1] -
-                                          one * to->state[0][MEAN]),
-                                 -AXES * (row[0] * known[1] + row[1] * known[2])};
-            for (int x = 0; x < AXES; x++) {
-                more[0] += felt[0][x] * felt[0][x];
-                more[1] += felt[0][x] * felt[1][x];
-                more[2] += felt[1][x] * felt[1][x];
-                crossed[0] += to->state[own][x] * felt[0][x];
-                crossed[1] += to->state[own][x] * felt[1][x];
-            }
-            for (int j = 1; j <= last; j++)
-                slope[j] += 0.5 * trace(slopes.q[j], more);
-            if (p.kind != DRIFT) {
-                slope[last] += slopes.column[0] * crossed[0] + slopes.column[1] * crossed[1];
-                for (int x = 0; x < AXES; x++)
-                    adjoint[x] = slopes.column[0] * felt[0][x] + slopes.column[1] * felt[1][x] +
-                                 (own ? a : f) * adjoint[x];
-                /* That of the state here. */
-                memcpy(to->adjoint, adjoint, sizeof adjoint);
-            }
+            add_slopes(&p, &slopes, at, to, &later, spread, slope);
+            for (int x = 0; x < AXES && p.kind != DRIFT; x++)
+                later.adjoint[x] = slopes.column[0] * f0[x] + slopes.column[1] * f1[x] +
+                                   (own ? at->a : at->f) * later.adjoint[x];
         }
-        if (i == 0 && p.kind != DRIFT) {
-            /* The first state's own variance. */
-            const double c0 = at->covariance[own], c1 = own ? at->covariance[2] : 0.0;
-            double first = at->covariance[2 * own] -
-                           (c0 * c0 * k[0] + 2.0 * c0 * c1 * k[1] + c1 * c1 * k[2]);
-            first = AXES * (first + spread * to->state[0][MEAN] * to->state[0][MEAN]);
-            for (int x = 0; x < AXES; x++)
-                first += to->state[own][x] * to->state[own][x];
-            slope[last - 1] += first / p.variance - AXES;
-        }
-        /* Of the step that ends here. */
-        const double left = r * at->precision; /* 1 - g0 */
-        known[0] = at->precision + left * left * k[0] - 2.0 * left * g1 * k[1] + g1 * g1 * k[2];
-        known[1] = left * k[1] - g1 * k[2];
-        known[2] = k[2];
-        for (int x = 0; x < LANES; x++) {
-            felt[0][x] = u[x] + back[0][x];
-            felt[1][x] = back[1][x];
-        }
+        memcpy(to->adjoint, later.adjoint, sizeof to->adjoint);
+        if (i == 0 && p.kind != DRIFT)
+            add_slope_of_first(&p, at, to, &back, spread, slope);
+        go_back(at, to, &back, &later);
     }
-    for (int j = 0; j <= last; j++)
-        gradient[j] = slope[j];
+    memcpy(gradient, slope, (last_of(p.kind) + 1) * sizeof *gradient);
     return 0;
 }
 
