@@ -18,12 +18,14 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.error_model.at_samples import fit_independent
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import NAMES, Ask, Nuisances
 from trajeval_ros.error_model.process import GROUPS, Kind, steps
+from trajeval_ros.error_model.recorded import Recorded
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.report import answers
@@ -36,6 +38,8 @@ SECOND = 1_000_000_000
 _GAP = 25.0
 # 95 % of a Gaussian's.
 _LIMIT = 1.96
+# Beyond so many standard deviations a nuisance is named.
+_NAMED = 4.5
 PAIRS = (
     ("tum_fr1_xyz", "rgbdslam"),
     ("tum_fr2_desk", "orb"),
@@ -114,6 +118,20 @@ def simulated(
     start += int(rng.uniform(0.0, 1.0) * ((span[1] - start) - duration * SECOND - 2 * SECOND))
     stamps = start + np.rint(np.arange(int(duration * rate)) / rate * SECOND).astype(np.int64)
     kind = list(Kind)[rng.integers(3)]
+    parameters = random_parameters(rng, kind)
+    nuisances = random_nuisances(rng)
+    known = engine.truth(nuisances.stamps(stamps))
+    # As evaluated runs are fitted, without the gaps of the ground truth.
+    spread = np.einsum("nii->ni", known.covariances)
+    sampled = known.valid & (spread < _GAP * np.median(spread[known.valid], axis=0)).all(axis=1)
+    stamps, poses, covariances = stamps[sampled], known.poses[sampled], known.covariances[sampled]
+    noise = np.linalg.cholesky(covariances) @ rng.normal(size=(len(stamps), 6, 1))
+    poses = with_errors(rng, kind, parameters, nuisances, stamps, poses @ se3.exp(noise[..., 0]))
+    return stamps, poses, kind, parameters, nuisances
+
+
+def random_parameters(rng: np.random.Generator, kind: Kind) -> Array:
+    """Of translation and rotation, (2, p)."""
     jitter = np.exp(rng.uniform(np.log(5e-4), np.log(5e-3), 2)) * [1.0, 0.5]
     drift = np.exp(rng.uniform(np.log(5e-3), np.log(5e-2), 2)) * [1.0, 0.2]
     time = rng.uniform(0.4, 1.5, 2)
@@ -122,24 +140,32 @@ def simulated(
         Kind.VELOCITY: [jitter, 0.3 * drift, drift / np.sqrt(time), time],
         Kind.WANDER: [jitter, drift * np.sqrt(time), time],
     }[kind]
-    parameters = np.log(np.array(rows).T)
-    nuisances = Nuisances(
+    return np.asarray(np.log(np.array(rows).T))
+
+
+def random_nuisances(rng: np.random.Generator) -> Nuisances:
+    """As estimates may have."""
+    return Nuisances(
         rng.uniform(-0.05, 0.05),
         rng.uniform(-2e-4, 2e-4),
         se3.exp(rng.uniform(-0.1, 0.1, 6)),
         float(np.exp(rng.uniform(-0.03, 0.03))),
     )
-    known = engine.truth(nuisances.stamps(stamps))
-    # As evaluated runs are fitted, without the gaps of the ground truth.
-    spread = np.einsum("nii->ni", known.covariances)
-    sampled = known.valid & (spread < _GAP * np.median(spread[known.valid], axis=0)).all(axis=1)
-    stamps, poses, covariances = stamps[sampled], known.poses[sampled], known.covariances[sampled]
-    noise = np.linalg.cholesky(covariances) @ rng.normal(size=(len(stamps), 6, 1))
-    poses = poses @ se3.exp(noise[..., 0])
+
+
+def with_errors(
+    rng: np.random.Generator,
+    kind: Kind,
+    parameters: Array,
+    nuisances: Nuisances,
+    stamps: Stamps,
+    poses: Array,
+) -> Array:
+    """The estimate (N, 4, 4) of the ``poses`` that a process and nuisances make."""
     error = drawn(rng, kind, parameters, stamps * 1e-9, poses[:, :3, 3])
     poses = se3.compose(erring(poses, error), nuisances.extrinsic)
     poses[:, :3, 3] /= nuisances.scale
-    return stamps, poses, kind, parameters, nuisances
+    return poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +246,67 @@ def simulations(data: Path, count: int, seed: int, output: Path | None = None) -
             f"{figure:28} n {len(all_scores):4}  with a std {len(off):4}  {told}"
             f"  covered: {100.0 * covered:.0f} %"
         )
+
+
+def rare(data: Path, count: int, seed: int) -> None:
+    """Print the scores of the nuisances where the ground truth is sampled rarely.
+
+    The motion is that of a dense ground truth, of which few samples are left; every second estimate
+    of ``count`` a motion and rate, at 20 Hz, has no nuisances at all.
+    """
+    for name in ("euroc_v102", "euroc_mh04", "tum_vi_room1"):
+        path = data / name / "groundtruth.txt"
+        samples, motion = read_tum(path).samples, _motion(path)
+        since = (samples.stamps - samples.stamps[0]) * 1e-9
+        for rate in (0.5, 1.0, 2.0, 5.0):
+            left = samples[np.flatnonzero(np.diff(np.floor(since * rate + 1e-6), prepend=-1.0))]
+            engine = Engine({}, whole=True)
+            engine.add_ground_truth(left)
+            engine.finish()
+            found = [
+                score
+                for number in range(count)
+                if (score := _rare_score(seed, number, left.stamps, motion, engine.truth))
+            ]
+            off = np.array([[score.off for score in each] for each in found])
+            print(
+                f"{name} at {rate:g} Hz: {len(off)} fits, mean {off.mean(axis=0).round(2).tolist()}"
+                f" std {off.std(axis=0).round(2).tolist()} all {off.std():.2f}, beyond 2.5:"
+                f" {100.0 * (np.abs(off) > 2.5).mean():.1f} %, beyond 4.5:"
+                f" {(np.abs(off) > _NAMED).sum()}",
+                flush=True,
+            )
+
+
+def _motion(path: Path) -> Recorded:
+    """The mean of a dense ground truth, between which it is asked."""
+    stamps = read_tum(path).stamps
+    grid = np.arange(int(stamps[0]) + SECOND, int(stamps[-1]) - SECOND, SECOND // 50)
+    truth = ground_truth(path).truth(grid)
+    good = truth.valid
+    return Recorded(grid[good], truth.poses[good], truth.covariances[good], truth.twists[good])
+
+
+def _rare_score(
+    seed: int, number: int, samples: Stamps, motion: Recorded, ask: Ask
+) -> list[Score] | None:
+    rng = np.random.default_rng([seed, number])
+    kind = list(Kind)[number // 2 % 3]
+    nuisances = random_nuisances(rng) if number % 2 else Nuisances.none()
+    begin, end = max(samples[0], motion.stamps[0]), min(samples[-1], motion.stamps[-1])
+    step = SECOND // 20
+    stamps = np.arange(begin + SECOND + rng.integers(step), end - SECOND, step)
+    truth = motion.at(nuisances.stamps(stamps))
+    stamps, poses = stamps[truth.valid], truth.poses[truth.valid]
+    parameters = random_parameters(rng, kind)
+    estimated = with_errors(rng, kind, parameters, nuisances, stamps, poses)
+    after = np.searchsorted(samples, stamps)
+    sides = samples[[after - 1, after]]
+    nearest = np.where(stamps - sides[0] <= sides[1] - stamps, *sides)
+    found = fit_independent(stamps, estimated, nearest, ask)
+    if found is None:
+        return None
+    return list(scores(found, kind, parameters, nuisances))[: len(NAMES)]
 
 
 def injections() -> Iterator[Nuisances]:
@@ -332,10 +419,16 @@ def main() -> None:
     parser.add_argument("--injections", type=int, default=len(PAIRS), help="pairs to inject into")
     parser.add_argument("--table", action="store_true", help="print the fits of all pairs instead")
     parser.add_argument("--clock", action="store_true", help="false alarms of clock changes")
+    parser.add_argument(
+        "--rare", type=int, help="estimates a cell, the ground truth at 0.5 to 5 Hz"
+    )
     parser.add_argument("--output", type=Path, help="a file for the simulations' scores")
     arguments = parser.parse_args()
     if arguments.clock:
         false_alarms(arguments.seed)
+        return
+    if arguments.rare:
+        rare(arguments.data, arguments.rare, arguments.seed)
         return
     if arguments.table:
         table(arguments.data, PAIRS)

@@ -31,10 +31,10 @@ Mask = npt.NDArray[np.bool_]
 # its standard deviation; so often at most.
 _CONVERGED = 0.1
 _PASSES = 6
-# The poses on each side by which it is interpolated, and its twist is found: the latter of so many
-# at most, within this share of the interval between samples.
+# The poses on each side by which it is interpolated, and by which its twist is found: the latter
+# within this share of the interval between samples.
 _SIDE = 2
-_LONG_SIDE = 8
+_LEAST_SIDE, _LONG_SIDE = 3, 8
 _SHARE = 0.125
 # Poses on both sides of a sample are no further apart than this share of that interval.
 _APART = 0.5
@@ -142,21 +142,15 @@ class _Between:
     def reaches(self, stamps: Stamps, longest: int) -> Mask:
         """Where there are enough poses on both sides of ``stamps`` (n,), no gap between them."""
         after = np.searchsorted(self.stamps, stamps)
-        inside = (after >= _SIDE) & (after <= len(self.stamps) - _SIDE)
+        inside = (after >= _LEAST_SIDE) & (after <= len(self.stamps) - _LEAST_SIDE)
         if not inside.any():
             return inside
-        place = np.where(inside, after, _SIDE)
+        place = np.where(inside, after, _LEAST_SIDE)
         return np.asarray(inside & (self.stamps[place] - self.stamps[place - 1] <= longest))
 
     def poses(self, stamps: Stamps) -> tuple[Array, float]:
         """Poses (n, 4, 4) by cubics through four, and what of white noise's variance they have."""
-        index = np.searchsorted(self.stamps, stamps)[:, None] + np.arange(-_SIDE, _SIDE)
-        times = (self.stamps[index] - stamps[:, None]) * 1e-9
-        weights = np.ones_like(times)
-        for i in range(2 * _SIDE):
-            for j in range(2 * _SIDE):
-                if i != j:  # Lagrange's polynomials at 0
-                    weights[:, i] *= times[:, j] / (times[:, j] - times[:, i])
+        index, weights = self._cubics(stamps)
         base, local = self._local(index, _SIDE - 1)
         step = np.einsum("nk,nkx->nx", weights, local)
         found = base.copy()
@@ -164,20 +158,39 @@ class _Between:
         found[:, :3, :3] = base[:, :3, :3] @ se3.exp_so3(step[:, 3:])
         return found, float((weights**2).sum(axis=1).mean())
 
+    def _cubics(self, stamps: Stamps) -> tuple[Indices, Array]:
+        """The four poses around each of ``stamps`` (n,), and their weights; (n, 4) each."""
+        index = np.searchsorted(self.stamps, stamps)[:, None] + np.arange(-_SIDE, _SIDE)
+        times = (self.stamps[index] - stamps[:, None]) * 1e-9
+        weights = np.ones_like(times)
+        for i in range(2 * _SIDE):
+            for j in range(2 * _SIDE):
+                if i != j:  # Lagrange's polynomials at 0
+                    weights[:, i] *= times[:, j] / (times[:, j] - times[:, i])
+        return index, weights
+
     def twists(self, stamps: Stamps, half: int) -> Array:
-        """Body twists (n, 6) by parabolas through the poses within ``half`` (ns)."""
+        """Body twists (n, 6) by parabolas through the poses within ``half`` (ns).
+
+        With the weights of `poses` as another column their white noise has nothing to do with that
+        of the poses: together the two would look like a clock offset.
+        """
         after = np.searchsorted(self.stamps, stamps)
-        first = np.minimum(np.searchsorted(self.stamps, stamps - half), after - _SIDE)
-        last = np.maximum(np.searchsorted(self.stamps, stamps + half, side="right"), after + _SIDE)
+        first = np.minimum(np.searchsorted(self.stamps, stamps - half), after - _LEAST_SIDE)
+        last = np.searchsorted(self.stamps, stamps + half, side="right")
+        last = np.maximum(last, after + _LEAST_SIDE)
         first, last = np.maximum(first, after - _LONG_SIDE), np.minimum(last, after + _LONG_SIDE)
         index = after[:, None] + np.arange(-_LONG_SIDE, _LONG_SIDE)
         counted = (index >= first[:, None]) & (index < last[:, None])
         index = np.clip(index, 0, len(self.stamps) - 1)
         times = (self.stamps[index] - stamps[:, None]) * 1e-9
-        powers = np.stack([np.ones_like(times), times, times**2], axis=2) * counted[..., None]
+        weights = np.zeros_like(times)
+        weights[:, _LONG_SIDE - _SIDE : _LONG_SIDE + _SIDE] = self._cubics(stamps)[1]
+        columns = np.stack([np.ones_like(times), times, times**2, weights], axis=2)
+        columns *= counted[..., None]
         _, local = self._local(index, _LONG_SIDE - 1)
-        right = np.einsum("nka,nkx->nax", powers, local)
-        return np.asarray(np.linalg.solve(powers.swapaxes(1, 2) @ powers, right)[:, 1])
+        right = np.einsum("nka,nkx->nax", columns, local)
+        return np.asarray(np.linalg.solve(columns.swapaxes(1, 2) @ columns, right)[:, 1])
 
     def _local(self, index: Indices, place: int) -> tuple[Array, Array]:
         """Poses of each row of ``index`` (n, k) in the axes of its one at ``place``; (n, k, 6)."""
