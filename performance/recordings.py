@@ -36,13 +36,17 @@ from performance.calibration import (
     with_lag,
 )
 from performance.tables import SkippedError, Table
+from trajeval_ros.ground_truth.segment import Samples
 
 SOURCES = Path(__file__).with_name("recordings.csv")
 RATES = (20, 10, 5, 2)
+OWN = 0
+"""Stands for the rate of every second sample."""
 HALVES = ("held out", "chosen on")
 WAYS = {KERNELS[0]: "learned first", ON_THE_WAY: "learned on the way"}
 _PAGE = "calibration.md"
 _LEAST_HELD_OUT = 20
+_MOST_HELD_OUT = 1500
 
 
 def measure(cell: Cell) -> Measured:
@@ -66,12 +70,23 @@ def run() -> Iterator[Table]:
     measured = [
         measure(cell)
         for row in there
-        for cell in cells_of(row["name"], read(folder / f"{row['name']}.txt"), RATES)
+        for cell in _cells(row["name"], read(folder / f"{row['name']}.txt"))
         if len(cell.held_out) >= _LEAST_HELD_OUT
     ]
     yield overview(measured)
     yield kinds(measured)
     yield single_cells(measured)
+
+
+def _cells(name: str, samples: Samples) -> Iterator[Cell]:
+    yield halved(name, samples)
+    yield from cells_of(name, samples, RATES)
+
+
+def halved(name: str, samples: Samples) -> Cell:
+    """Keep every second sample, as the recording has them: what smoothed ones are known to."""
+    kept, held = samples[::2], samples[1:-1:2]
+    return Cell(name, OWN, kept, held[:: max(1, len(held) // _MOST_HELD_OUT)])
 
 
 def sources() -> list[dict[str, str]]:
@@ -85,6 +100,7 @@ def overview(measured: list[Measured]) -> Table:
     rows = {known: _overview(measured, known) for known in (with_lag, with_all_data)}
     header = (
         "half",
+        "samples kept",
         "`matern52`",
         "knows",
         "cells",
@@ -93,20 +109,21 @@ def overview(measured: list[Measured]) -> Table:
         "95 % holds",
         "position RMSE / spline's",
     )
-    title = "All cells of the recordings, 20 to 2 Hz"
+    title = "All cells of the recordings"
     return Table("recordings overview", title, header, rows[with_lag], _PAGE, rows[with_all_data])
 
 
 def _overview(measured: list[Measured], known: Known) -> tuple[tuple[str, ...], ...]:
     rows = []
-    for half, process in product(HALVES, WAYS):
-        cells = _of_half(measured, half)
+    for half, thinned, process in product(HALVES, (True, False), WAYS):
+        cells = [cell for cell in _of_half(measured, half) if (cell.rate != OWN) is thinned]
         if not cells:
             continue
         anees = figure(cells, known, process, "anees")
         rows.append(
             (
                 half,
+                "20 to 2 Hz" if thinned else "every second",
                 WAYS[process],
                 "all samples" if known is with_all_data else "lag",
                 str(len(cells)),
@@ -128,12 +145,12 @@ def kinds(measured: list[Measured]) -> Table:
         if not cells:
             continue
         found = []
-        for rate in RATES:
+        for rate in (OWN, *RATES):
             here = [cell for cell in cells if cell.rate == rate]
             anees = figure(here, with_lag, ON_THE_WAY, "anees")
             found.append(f"{np.exp(np.log(anees).mean()):.2f}" if here else "")
         rows.append((kind, half, str(len({cell.sequence for cell in cells})), *found))
-    header = ("kind", "half", "recordings", *(f"{rate} Hz" for rate in RATES))
+    header = ("kind", "half", "recordings", "every second", *(f"{rate} Hz" for rate in RATES))
     title = "ANEES, learned on the way, with the samples up to 0.3 s later; geometric means"
     return Table("recordings kinds", title, header, tuple(rows), _PAGE)
 
@@ -145,11 +162,11 @@ def single_cells(measured: list[Measured]) -> Table:
         cells = {cell.rate: cell for cell in measured if cell.sequence == name}
         found = [
             f"{cells[rate].live[process].anees:.2f}" if rate in cells else ""
-            for process, rate in product(WAYS, RATES)
+            for process, rate in product(WAYS, (OWN, *RATES))
         ]
         rows.append((name, *found))
-    ways = product(WAYS.values(), RATES)
-    header = ("recording", *(f"{rate} Hz, {way}" for way, rate in ways))
+    ways = product(WAYS.values(), (OWN, *RATES))
+    header = ("recording", *(f"{rate or 'own'} Hz, {way}" for way, rate in ways))
     title = "ANEES, with the samples up to 0.3 s later"
     return Table("recordings anees", title, header, tuple(rows), None)
 

@@ -73,12 +73,15 @@ def test_calibration(measured: calibration.Measured) -> None:
         assert {len(row) for row in table.rows} == {len(table.header)}
 
 
-def test_recordings(cell: calibration.Cell) -> None:
+def test_recordings(cell: calibration.Cell, samples: Samples) -> None:
     first, last = recordings.sources()[0], recordings.sources()[-1]
     measured = [recordings.measure(replace(cell, sequence=row["name"])) for row in (first, last)]
     for table in (recordings.overview(measured), recordings.kinds(measured)):
         assert {len(row) for row in (*table.rows, *table.further)} == {len(table.header)}
         assert {row["half"] for row in (first, last)} <= {x for row in table.rows for x in row}
+    half = recordings.halved("simulated", samples)
+    assert not set(half.kept.stamps) & set(half.held_out.stamps)
+    assert half.held_out.stamps[-1] < half.kept.stamps[-1]
     assert [row[0] for row in recordings.single_cells(measured).rows] == [
         first["name"],
         last["name"],
