@@ -151,8 +151,7 @@ class Band:
             d,
             lanes,
         )
-        if count > _FEW:
-            self._elimination = None  # nothing more is asked of it, most likely
+        self._elimination = None  # nothing more is asked of it, most likely
         own = (np.array([[0], [_PARAMETERS]]) + np.arange(p)).ravel()
         return found[np.ix_(own, own)], ahead[: self._columns, own]
 
