@@ -90,6 +90,10 @@ class Exports:
                 "--figures: drawing needs the library matplotlib: pip install matplotlib"
             )
 
+    def recorded(self, names: Sequence[str]) -> dict[str, Recorded]:
+        """Where what is to be in the bag is kept, of each estimate."""
+        return {name: Recorded() for name in names} if self.mcap else {}
+
     def write(self, run: Finished) -> None:
         """Write what is asked for; what fails costs itself alone."""
         writers: tuple[tuple[str | None, Callable[[Finished, Path], str]], ...] = (

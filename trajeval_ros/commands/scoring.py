@@ -9,16 +9,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from trajeval_ros import se3
 from trajeval_ros.commands import console, figures
-from trajeval_ros.commands.baseline import Baseline, Judgement, judge
 from trajeval_ros.commands.console import CommandError, Progress
-from trajeval_ros.commands.exports import Exports, Finished
 from trajeval_ros.commands.inputs import Inputs
 from trajeval_ros.commands.overlap import by_stamps, small_share
-from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.files.output import (
     FILES,
     LATEST_PATH,
@@ -32,16 +29,14 @@ from trajeval_ros.online.parameters import Value, of_estimate
 from trajeval_ros.online.settings import Settings, settings_of
 from trajeval_ros.report import Report, answers, render_several
 from trajeval_ros.runs import offline
-from trajeval_ros.runs.corrections import corrected, moved
 from trajeval_ros.runs.offline import Scored, Scoring
-from trajeval_ros.runs.recording import Recorded
-from trajeval_ros.runs.several import (
-    against_the_best,
-    looked_at_together,
-    sentences_of_all,
-    together,
-)
 from trajeval_ros.wall import shield
+
+# Loaded where they are asked for: to score one estimate takes none of it.
+if TYPE_CHECKING:
+    from trajeval_ros.commands.baseline import Baseline, Judgement
+    from trajeval_ros.commands.exports import Exports
+    from trajeval_ros.comparison.compare import Comparison
 
 
 @dataclass(frozen=True)
@@ -93,7 +88,7 @@ def score(
             name: _Run(name, data, parameters, _place(data, output, name), stack)
             for name in data.names
         }
-        recorded = {name: Recorded() for name in runs} if exports and exports.mcap else {}
+        recorded = {} if exports is None else exports.recorded(data.names)
         scorings = {
             name: replace(run.scoring, observe=recorded[name].observe) if recorded else run.scoring
             for name, run in runs.items()
@@ -105,9 +100,12 @@ def score(
         failures = _write(runs, found)
     reports = {name: run.scoring.report for name, run in runs.items()}
     everything = _together(found, settings, output, reports)
-    exports = exports or Exports()
-    exports.write(Finished(data, parameters, scorings, found, everything.comparisons, recorded))
-    failures += [*everything.failures, *exports.failures]
+    failures += everything.failures
+    if exports is not None:
+        from trajeval_ros.commands.exports import Finished
+
+        exports.write(Finished(data, parameters, scorings, found, everything.comparisons, recorded))
+        failures += exports.failures
     if data.remarks:
         console.say(f"info: {remark}" for remark in data.remarks)
     for number, (name, run) in enumerate(runs.items()):
@@ -116,14 +114,23 @@ def score(
         run.say(found[name], before.get(name), apply)
         failures += dict.fromkeys(run.failures.values())
     everything.say(found, output)
-    for line in exports.written:
+    for line in () if exports is None else exports.written:
         print(f"\n{line}")
-    judgements = {
+    judgements = _judged(found, baselines, settings) if baselines else {}
+    return Outcome(everything.summary, found, tuple(dict.fromkeys(failures)), judgements)
+
+
+def _judged(
+    found: Mapping[str, Scored], baselines: Mapping[str, Baseline], settings: Settings
+) -> dict[str, Judgement]:
+    """How each that has a baseline compares with it."""
+    from trajeval_ros.commands.baseline import judge
+
+    return {
         name: judge(name, earlier, found[name], settings)
         for name, earlier in baselines.items()
         if len(found[name].stamps)
     }
-    return Outcome(everything.summary, found, tuple(dict.fromkeys(failures)), judgements)
 
 
 def _write(runs: Mapping[str, _Run], found: Mapping[str, Scored]) -> list[str]:
@@ -153,6 +160,8 @@ class _Together:
     def say(self, found: Mapping[str, Scored], output: str) -> None:
         """Print what there is to say of several."""
         if self.comparisons:
+            from trajeval_ros.runs.several import against_the_best
+
             print("\nCompared, each with each\n")
             summaries = {name: one.summary for name, one in found.items()}
             print("\n".join(figures.side_by_side(summaries)) + "\n")
@@ -170,6 +179,8 @@ def _together(
     if len(found) == 1:
         (summary,) = summaries.values()
         return _Together(summary)
+    from trajeval_ros.runs.several import looked_at_together, sentences_of_all, together
+
     failures: list[str] = []
     evaluated = {name: one.evaluated for name, one in found.items()}
     comparisons, causes = looked_at_together(
@@ -218,6 +229,8 @@ def _corrected(
     data: Inputs, parameters: Mapping[str, Value], found: Mapping[str, Scored], what: Sequence[str]
 ) -> tuple[Inputs, dict[str, Value]]:
     """The inputs and parameters with what the error models have found set."""
+    from trajeval_ros.runs.corrections import corrected
+
     values, estimates = dict(parameters), []
     settings = settings_of(parameters, data.names).estimates
     for name, estimate in zip(data.names, data.estimates, strict=True):
@@ -239,6 +252,8 @@ def _aligned_at_the_origin(
     data: Inputs, parameters: Mapping[str, Value], found: Mapping[str, Scored]
 ) -> Inputs:
     """Each estimate so moved that its first evaluated pose is the ground truth's."""
+    from trajeval_ros.runs.corrections import moved
+
     estimates = []
     for name, estimate in zip(data.names, data.estimates, strict=True):
         poses = found[name].evaluated

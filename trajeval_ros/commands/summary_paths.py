@@ -8,7 +8,6 @@ and what is in some is absent in the others.
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -168,6 +167,9 @@ def _near(asked: str, figures: Sequence[str]) -> list[str]:
     within = [name for name in figures if asked and name.startswith(asked)]
     if within:
         return within[:3]
+    # Only where it comes to that.
+    import difflib
+
     words = asked.count(".") + 1
     alike = {
         name: difflib.SequenceMatcher(a=".".join(name.split(".")[-words:]), b=asked).ratio()
