@@ -107,6 +107,18 @@ def test_sets_of_records_are_as_each_by_itself(kernels):
     assert together.value == pytest.approx(together.values.sum())
 
 
+@pytest.mark.parametrize("kernels", [KERNELS, (Matern52(), SquaredExponential())])
+def test_records_may_be_there_several_times(kernels):
+    rng = np.random.default_rng(12)
+    records = [record(rng, count) for count in (5, 48, 17)]
+    natural = USUAL[: 2 * len(kernels) + 1] + rng.normal(0.0, 0.3, (3, 2 * len(kernels) + 1))
+    sets = [[0, 1, 2], [2, 2, 1]]
+    twice = Likelihood(kernels, records, sets)(natural)
+    listed = Likelihood(kernels, [*records, *records], [0, 1, 2, 2, 2, 1])(natural)
+    np.testing.assert_allclose(twice.values, listed.values, rtol=1e-12)
+    np.testing.assert_allclose(twice.gradient, listed.gradient, rtol=1e-10)
+
+
 @built
 def test_a_set_that_is_impossible_leaves_the_others():
     records = [record(np.random.default_rng(11), count) for count in (9, 9, 12)]

@@ -205,7 +205,8 @@ def _searched(
         regimes = _regimes(model, grid, records, starts[0])
     for rounds_left in reversed(range(_ROUNDS)):
         posterior = Posterior(model, grid, records, regimes)
-        starts = sorted(starts, key=lambda start: -posterior(start).value)[:_SEARCHES]
+        if len(starts) > _SEARCHES:
+            starts = sorted(starts, key=lambda start: -posterior(start).value)[:_SEARCHES]
         found = [maximum(posterior, start, bounds) for start in starts]
         best = max(found, key=lambda point: point.value)
         if not rounds_left or not math.isfinite(best.value):
@@ -235,12 +236,11 @@ def _regimes(model: Model, grid: Grid, records: Sequence[Record], theta: Array) 
     def values(tried: Sequence[Sequence[Regime]]) -> Array:
         """Of the doubtful records, in so many regimes each; (regimes, records)."""
         regimes = list(dict.fromkeys(regime for row in tried for regime in row))
-        sets = [regimes.index(regime) for row in tried for regime in row]
-        several = [records[i] for i in doubtful] * len(tried)
+        sets = [[regimes.index(regime) for regime in row] for row in tried]
         natural = np.array([model.natural(regime.of(theta), grid)[0] for regime in regimes])
-        fit = Likelihood(model.kernels, several, sets)(natural)
+        fit = Likelihood(model.kernels, [records[i] for i in doubtful], sets)(natural)
         prior = np.array([regime.log_prior for regime in regimes])
-        return np.asarray((fit.values + prior[sets]).reshape(len(tried), -1))
+        return np.asarray(fit.values.reshape(len(tried), -1) + prior[sets])
 
     # The motion first, then the noise with it.
     motions = values([[Regime(motion)] * len(doubtful) for motion in _MOTIONS])

@@ -67,15 +67,16 @@ class Likelihood:
         self,
         kernels: tuple[Kernel, ...],
         records: Sequence[Record],
-        sets: Sequence[int] | None = None,
+        sets: Sequence[int] | Sequence[Sequence[int]] | None = None,
     ) -> None:
         """Take at least one record; all have the same number of coordinates.
 
-        ``sets``: whose row each record takes, from the first to the last of these; without it, all
-        the first one's.
+        ``sets`` (m,): whose row each record takes, from the first to the last of these; without it,
+        all the first one's. Or (q, m): the records are there q times, one after the other.
         """
         each = np.zeros(len(records), dtype=np.int64) if sets is None else np.array(sets)
-        self._shape = _Shape.of(records)
+        copies, each = each.size // len(records), each.ravel()
+        self._shape = _Shape.of(records, copies)
         self._markov: _Markov | None = None
         self._dense: list[tuple[npt.NDArray[np.intp], _Shape, _Dense]] = []
         matern = [kernel for kernel in kernels if isinstance(kernel, Matern)]
@@ -86,7 +87,7 @@ class Likelihood:
             known: dict[tuple[int, ...], _Dense] = {}
             for number in range(int(each.max()) + 1):
                 places = np.flatnonzero(each == number)
-                those = [records[i] for i in places.tolist()]
+                those = [records[i] for i in (places % len(records)).tolist()]
                 same = tuple(map(id, those))
                 data = known[same] = known.get(same) or _Dense(kernels, those)
                 self._dense.append((places, _Shape.of(those), data))
@@ -116,8 +117,8 @@ class _Shape:
     constants: Array
 
     @staticmethod
-    def of(records: Sequence[Record]) -> _Shape:
-        """That of these."""
+    def of(records: Sequence[Record], copies: int = 1) -> _Shape:
+        """That of these, so often one after the other."""
         counts = np.array([len(record.times) for record in records])
         coordinates = records[0].values.shape[1]
         freedom = coordinates * (counts - 1)
@@ -126,7 +127,8 @@ class _Shape:
             math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu) - 0.5 * d * math.log(nu * math.pi)
             for d in freedom.tolist()
         ]
-        return _Shape(coordinates, counts, freedom, np.array(constants))
+        each = (np.tile(values, copies) for values in (counts, freedom, constants))
+        return _Shape(coordinates, *each)
 
 
 class Fit(ABC):
@@ -197,13 +199,16 @@ class _Markov:
         sets: npt.NDArray[np.int64],
     ) -> None:
         """As a :class:`Likelihood`."""
-        self.order = np.argsort([-len(record.times) for record in records], kind="stable")
-        records = [records[i] for i in self.order]
-        self.sets = np.ascontiguousarray(sets[self.order])
+        counts = np.array([len(record.times) for record in records])
+        copies = len(sets) // len(records)
+        each = np.tile(counts, copies)
+        self.order = np.argsort(-each, kind="stable")
+        self.counts = each[self.order]
+        self.begins = np.tile(np.cumsum(counts) - counts, copies)[self.order]
+        self.sets = sets[self.order]
+        self.longest = int(self.counts[0])
         self.orders = np.array([len(kernel.coefficients) for kernel in kernels])
         self.rates = np.array([kernel.rate for kernel in kernels])
-        self.begins = np.cumsum([0, *(len(record.times) for record in records)])
-        self.longest = len(records[0].times)
         self.times = np.concatenate([record.times for record in records])
         self.values = np.concatenate([record.values for record in records])
         self.variances = np.concatenate([record.variances for record in records])
@@ -233,6 +238,7 @@ class _MarkovFit(Fit):
         self._rows = natural.shape
         self._arguments = (
             data.begins,
+            data.counts,
             len(shape.counts),
             data.times,
             data.values,

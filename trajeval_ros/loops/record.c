@@ -366,15 +366,15 @@ LOOPS_PART const Lanes *entry(const Lanes *matrix, int64_t i, int64_t j, int64_t
 }
 
 /* Records r, r + 1, ... side by side, at *work. */
-LOOPS_PART Samples taken(const int64_t *begins, int64_t records, int64_t r, const double *times,
-                         const double *values, const double *variances, int64_t coordinates,
+LOOPS_PART Samples taken(const int64_t *begins, const int64_t *counts, int64_t records, int64_t r,
+                         const double *times, const double *values, const double *variances, int64_t coordinates,
                          const Lanes *noise, double **work)
 {
     const int64_t columns = 1 + coordinates;
     Samples samples = {.coordinates = coordinates};
     for (int64_t l = 0; l < LANES && r + l < records; ++l) {
         samples.begins[l] = begins[r + l];
-        samples.counts[l] = begins[r + l + 1] - begins[r + l];
+        samples.counts[l] = counts[r + l];
         if (samples.counts[l] > samples.count) samples.count = samples.counts[l];
     }
     samples.apart = allotted_lanes(work, samples.count);
@@ -624,13 +624,13 @@ int64_t record_room(const int64_t *orders, int64_t kernels, int64_t coordinates,
 }
 
 /* Each record's log|K| + log 1' K^-1 1 and x' Pi x, found (records, 2), infinity both where K is
- * not positive definite. The samples of record r are those from begins[r] on, begins (records + 1);
- * times (n), values (n, c), variances (n); orders (kernels). Its hyperparameters are those of the
+ * not positive definite. The samples of record r are counts[r] from begins[r] on of times, values
+ * (, c) and variances; begins and counts (records), orders (kernels). Its hyperparameters are those of the
  * row sets[r], sets (records), of rates and kernel_variances (sets, kernels) and noises (sets), n^2.
  * Records of one length go well side by side. */
 LOOPS_WIDE
-int record_values(const int64_t *begins, int64_t records, const double *times,
-                  const double *values, const double *variances, int64_t coordinates,
+int record_values(const int64_t *begins, const int64_t *counts, int64_t records,
+                  const double *times, const double *values, const double *variances, int64_t coordinates,
                   const int64_t *orders, int64_t kernels, const int64_t *sets,
                   const double *rates, const double *kernel_variances, const double *noises,
                   double *work, double *found)
@@ -640,7 +640,7 @@ int record_values(const int64_t *begins, int64_t records, const double *times,
         double *rest = work, log_det[LANES];
         tell(&sum, sets, records, r, rates, kernel_variances, noises);
         const Samples samples =
-            taken(begins, records, r, times, values, variances, coordinates, sum.noise, &rest);
+            taken(begins, counts, records, r, times, values, variances, coordinates, sum.noise, &rest);
         Filter f = placed(&sum, &samples, 0, &rest);
         filter(&sum, &samples, &f, log_det);
         Lanes information, squares;
@@ -658,8 +658,8 @@ int record_values(const int64_t *begins, int64_t records, const double *times,
  * average information (sets, p, p), with `freedom` degrees; K is positive definite, `many` the
  * number of sets, and the rest as of record_values. */
 LOOPS_WIDE
-int record_slopes(const int64_t *begins, int64_t records, const double *times,
-                  const double *values, const double *variances, int64_t coordinates,
+int record_slopes(const int64_t *begins, const int64_t *counts, int64_t records,
+                  const double *times, const double *values, const double *variances, int64_t coordinates,
                   const int64_t *orders, int64_t kernels, const int64_t *sets,
                   const double *rates, const double *kernel_variances, const double *noises,
                   int64_t many, double freedom, double *work, double *gradient,
@@ -673,7 +673,7 @@ int record_slopes(const int64_t *begins, int64_t records, const double *times,
         double *rest = work, log_det[LANES];
         tell(&sum, sets, records, r, rates, kernel_variances, noises);
         const Samples samples =
-            taken(begins, records, r, times, values, variances, coordinates, sum.noise, &rest);
+            taken(begins, counts, records, r, times, values, variances, coordinates, sum.noise, &rest);
         Filter f = placed(&sum, &samples, 1, &rest);
         filter(&sum, &samples, &f, log_det);
         Lanes mean_information, squares;
