@@ -156,6 +156,24 @@ def test_a_steady_rate_and_noise_are_no_changes():
         assert clock_changes(stretches(noise + 1e-3 * np.arange(30))) == ()
 
 
+def test_an_offset_that_changes_smoothly_has_no_step():
+    rng = np.random.default_rng(4)
+    slow = 3e-3 * np.cos(np.linspace(0.0, 2.5, 14))
+    for _ in range(50):
+        assert clock_changes(stretches(slow + rng.normal(size=14) * 5e-4, 5e-4)) == ()
+
+
+@pytest.mark.parametrize("count", [8, 14, 40])
+def test_a_step_is_told_from_what_is_smooth(count):
+    rng = np.random.default_rng(5)
+    step = np.where(np.arange(count) < count // 2, 0.0, 8e-3)
+    found = [
+        clock_changes(stretches(step + rng.normal(size=count) * 5e-4, 5e-4)) for _ in range(50)
+    ]
+    places = [[change.begin for change in each] for each in found]
+    assert places.count([count // 2 * SECOND - 1]) >= 49
+
+
 def test_two_changes_are_found_where_they_are():
     rng = np.random.default_rng(1)
     level = np.repeat([0.0, 0.05, -0.01], [10, 7, 9])

@@ -23,8 +23,10 @@ _RUNS = 1000.0
 _KNOWN = 10.0
 _OF_NEIGHBOURS = 0.25
 _MEDIAN = 0.4549
-# A change has to be e⁵ times as likely as a steady rate; and so long at the least, s.
+# A change has to be e⁵ times as likely as a steady rate, and as a rate that changes steadily where
+# that leaves no more than so many standard deviations of chance; and so long at the least, s.
 _OVER_RATE = 10.0
+_CHANCE = 3.0
 _SHORTEST = 1e-3
 
 
@@ -129,10 +131,25 @@ def _places(offset: Array, weight: Array, when: Array, rare: float) -> list[int]
     step = (total * mean - moment) / rest - moment / mass
     gain = step**2 * mass * rest / total
     k = int(np.argmax(gain))
-    slow = when - weight @ when / total
-    steady = (weight @ (slow * offset)) ** 2 / max(float(weight @ slow**2), 1e-300)
-    if gain[k] < max(rare, steady + _OVER_RATE) or abs(step[k]) < _SHORTEST:
+    other = _smoothly(offset - mean, weight, when)
+    if gain[k] < max(rare, other + _OVER_RATE) or abs(step[k]) < _SHORTEST:
         return []
     left = _places(offset[: k + 1], weight[: k + 1], when[: k + 1], rare)
     right = _places(offset[k + 1 :], weight[k + 1 :], when[k + 1 :], rare)
     return [*left, k + 1, *(k + 1 + place for place in right)]
+
+
+def _smoothly(offset: Array, weight: Array, when: Array) -> float:
+    """What a steady rate explains of offsets (n,) about their mean, χ²; or one that changes so.
+
+    The latter only where it explains them all but for chance: else it may be another step or two.
+    """
+    root = np.sqrt(weight)
+    away = (when - when.mean()) / np.ptp(when)
+    basis, _ = np.linalg.qr(root[:, None] * np.stack([np.ones_like(away), away, away**2], axis=1))
+    explained = (basis.T @ (root * offset)) ** 2
+    left = float(weight @ offset**2 - explained.sum())
+    freedom = len(offset) - 3
+    if left <= freedom + _CHANCE * np.sqrt(2.0 * freedom):
+        return float(explained[1:].sum())
+    return float(explained[1])
