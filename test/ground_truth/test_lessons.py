@@ -3,11 +3,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.lessons import SAMPLES, Lessons, shown_samples
+from trajeval_ros.ground_truth.lessons import Lessons
 from trajeval_ros.ground_truth.models import MODELS
 from trajeval_ros.ground_truth.segment import Samples, Segment
 
@@ -61,39 +59,3 @@ def test_rest_alone_teaches_its_noise():
     for learned in process.learned:
         total = np.exp(learned.theta[-1])
         assert 1.6e-4 < total < 2.6e-4
-
-
-def shaken(start, seed, noise):
-    """Two seconds at 200 Hz of motion that is fast as well, up to 10 Hz, from ``start`` (s) on."""
-    rng = np.random.default_rng(seed)
-    times = start + 0.005 * np.arange(400)
-    xi = rng.normal(0.0, noise, (400, 6))
-    for overtone in range(1, 25):
-        phases = times[:, None] * overtone * [1.2, 2.2, 3.0, 1.0, 1.7, 2.7] + rng.uniform(0, 6, 6)
-        xi += np.sin(phases) * [0.5, 0.4, 0.1, 0.3, 0.2, 0.2] / overtone**2
-    return Segment(Samples((times * 1e9).astype(np.int64), se3.exp(xi)))
-
-
-@pytest.mark.parametrize("noise", [2e-5, 1e-4])
-def test_what_follows_each_other_tells_small_noise_from_fast_motion(noise):
-    # From every ninth sample alone it came out 3 to 25 times as large.
-    process = Lessons(MODELS["matern52"], (1e-6, 1e-6)).learn(
-        [shaken(2.0 * i, i, noise) for i in range(8)]
-    )
-    assert process is not None
-    for group in process.groups:
-        assert 0.7 < np.hypot(group.noise_std, group.components[3].std) / noise < 1.5
-
-
-@given(st.integers(1, 3000), st.booleans())
-def test_so_many_samples_are_learned_from_at_most(count, neighbours):
-    shown = shown_samples(count, neighbours)
-    assert min(count, SAMPLES // 2) <= len(shown) <= SAMPLES
-    steps = np.diff(shown)
-    assert (steps > 0).all()
-    assert shown[0] == 0
-    assert count - shown[-1] <= -(-count // (SAMPLES // 2))
-    if neighbours and count > SAMPLES:
-        assert (steps == 1).sum() >= SAMPLES // 2 - 1
-    if not neighbours:
-        assert len(set(steps.tolist())) <= 1

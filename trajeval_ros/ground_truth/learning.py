@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -152,21 +151,17 @@ def learn(
     soft_limit: float,
     before: Array | None = None,
     moving: bool = True,
-    interval: float | None = None,
 ) -> Learned | None:
     """Return what is most probable given ``records``; None without data.
 
     ``accuracy``: the instrument's, which adds to the learned noise; ``soft_limit``: more noise than
     this is improbable; ``before``: the θ learned from less data, near which alone it then searches.
     Without ``moving`` the records show noise alone, and the motion to come is taken to be common.
-    ``interval`` (s): of the samples that the records are some of; None: they are all.
     """
     records = [record for record in records if len(record.times) > 3]
     if not records:
         return None
     grid = Grid.of([r.times for r in records], [r.values for r in records], accuracy, soft_limit)
-    if interval is not None:
-        grid = replace(grid, interval=interval)
     floored = [Record(r.times, r.values, r.variances + accuracy**2) for r in records]
     bounds = np.array(model.bounds(grid))
     if moving:

@@ -19,7 +19,6 @@ from trajeval_ros.ground_truth.segment import Segment
 from trajeval_ros.ground_truth.stamps import rounding, stamp_noise
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 # The hyperparameters are learned when the closed segments that show motion cover so much time (ns)
 # for the first time, and again whenever they cover twice as much as then, four times, eight times.
@@ -30,12 +29,8 @@ _LATEST = 30_000_000_000
 # noise alone has a ratio of one, and of eight samples hardly ever more than this.
 _MOVING = 2.5
 _TURNING = 0.5
-# Learning costs the same at any rate and after any time: so many segments, evenly over the run, and
-# of each so many samples, one half evenly over it and one half as they follow each other: these
-# tell the noise from the motion. Where stamps are uncertain they tell of the stamps, and all are
-# taken evenly: where noise of the stamps was found, or more than so many intervals are so much
-# shorter than the usual one. A clock misses ticks, but has none too many.
-_SHORT, _OFTEN = 0.9, 0.05
+# Learning costs the same at any rate and after any time: of each segment every k-th sample, so that
+# so many are left, and so many segments, evenly over the run.
 SAMPLES = 48
 SEGMENTS = 16
 _DIGITS = 7
@@ -72,9 +67,7 @@ class Lesson:
 
     def _of_group(self, group: int, stamp_std: float) -> Learned | None:
         columns = slice(3 * group, 3 * group + 3)
-        interval = None if stamp_std else _interval(self.segments)
-        neighbours = interval is not None
-        records = [_record(segment, columns, stamp_std, neighbours) for segment in self.segments]
+        records = [_record(segment, columns, stamp_std) for segment in self.segments]
         accuracy = self.accuracy[group]
         soft_limit = max(_SOFT_LIMITS[group], 4.0 * accuracy)
         if group == _ROTATION and self.lacks_orientation:
@@ -83,9 +76,7 @@ class Lesson:
         if self.before is not None:
             assert self.before.learned is not None
             theta = self.before.learned[group].theta
-        return learning.learn(
-            self.model, records, accuracy, soft_limit, theta, self.moves, interval
-        )
+        return learning.learn(self.model, records, accuracy, soft_limit, theta, self.moves)
 
 
 class Lessons:
@@ -220,37 +211,16 @@ def _is_new(segment: Segment) -> bool:
     return any(each.is_new(regime) for each, regime in zip(learned, epoch.regimes, strict=True))
 
 
-def _record(segment: Segment, columns: slice, stamp_std: float, neighbours: bool) -> Record:
+def _record(segment: Segment, columns: slice, stamp_std: float) -> Record:
     """What a segment gives, to a tenth of a micrometre.
 
     The search for the optimum amplifies the last digit of its data, and that one depends on how the
     samples were cut into batches; rounded, the data are the same bits, and so is what is learned.
     """
-    shown = shown_samples(len(segment), neighbours)
+    every = slice(None, None, -(-len(segment) // SAMPLES))
     variances = segment.known_variances(stamp_std)
     known = np.zeros(len(segment))
     if variances is not None:
         known = np.mean(variances[:, columns], axis=-1).round(2 * _DIGITS)
     values = segment.coordinates[:, columns].round(_DIGITS)
-    return Record(segment.times[shown], values[shown], known[shown])
-
-
-def shown_samples(count: int, neighbours: bool = True) -> Indices:
-    """Which of a segment's ``count`` samples are learned from, at most `SAMPLES`; (n,).
-
-    With ``neighbours`` half of them follow each other, in its middle.
-    """
-    if count <= SAMPLES or not neighbours:
-        return np.arange(0, count, -(-count // SAMPLES))
-    half = SAMPLES // 2
-    middle = (count - half) // 2
-    return np.union1d(np.arange(0, count, -(-count // half)), np.arange(middle, middle + half))
-
-
-def _interval(segments: Sequence[Segment]) -> float | None:
-    """The interval (s) of the clock that the samples are stamped by; None where there is none."""
-    intervals = np.concatenate([np.diff(segment.times) for segment in segments])
-    if not len(intervals):
-        return None
-    usual = float(np.median(intervals))
-    return None if float(np.mean(intervals < _SHORT * usual)) > _OFTEN else usual
+    return Record(segment.times[every], values[every], known[every])
