@@ -11,16 +11,17 @@ from trajeval_ros.ground_truth.adaptation import Watch
 
 
 def looked(squares, telling, cuts):
-    """What a watch says of each batch, as long as it says nothing, and which rows are left."""
+    """What a watch says of each batch; what it says is looked into at once."""
     watch, said = Watch(), []
-    for begin, end in zip([0, *cuts], [*cuts, len(squares)], strict=True):
-        said.append(watch.look(squares[begin:end], telling[begin:end]))
-        if said[-1] is not None:
-            watch.restart(said[-1][0] + 1)
-            said.append(
-                watch.look(squares[watch.looked - 1 : end], telling[watch.looked - 1 : end])
-            )
-            break
+    for end in [*cuts, squares.shape[1]]:
+        while watch.looked <= end:
+            begin = watch.looked - 1
+            found = watch.look(squares[:, begin:end], telling[:, begin:end])
+            said += found
+            if not found:
+                break
+            row, _, group = min(found)
+            watch.restart(group, row + 1)
     return said, watch.looked
 
 
@@ -36,18 +37,32 @@ def looked(squares, telling, cuts):
 def test_the_loop_raises_where_numpy_does(count, before, after, share, cuts, seed):
     rng = np.random.default_rng(seed)
     scale = np.where(np.arange(count) < count // 2, before, after)
-    squares, telling = scale * rng.chisquare(3, count), rng.uniform(size=count) < share
+    squares = np.stack([scale, np.flip(scale)]) * rng.chisquare(3, (2, count))
+    telling = rng.uniform(size=(2, count)) < share
     cuts = sorted(cut for cut in cuts if cut <= count)
     found = looked(squares, telling, cuts)
     with loops.left_out():
         assert looked(squares, telling, cuts) == found
-    if all(each is None for each in found[0]):
-        assert looked(squares, telling, []) == ([None], 1 + count)
+    if not found[0]:
+        assert looked(squares, telling, []) == found
 
 
 def test_a_change_is_raised_at_the_row_that_shows_it_with_the_one_it_began_at():
-    squares = np.array([0.0] * 20 + [200.0] * 5)
-    assert Watch().look(squares, np.zeros(25, dtype=bool)) == (21, 21)
-    assert Watch().look(np.full(200, 1e-3), np.ones(200, dtype=bool)) is not None
+    quiet, none = np.full(200, 1e-3), np.zeros((2, 200), dtype=bool)
+    loud = np.where(np.arange(200) < 20, 0.0, 200.0)
+    assert Watch().look(np.stack([quiet, loud]), none) == [(21, 21, 1)]
+    assert [group for *_, group in Watch().look(np.stack([loud, quiet]), ~none)] == [0, 1]
     # What does not tell is no sign of a process that promises too little.
-    assert Watch().look(np.full(200, 1e-3), np.zeros(200, dtype=bool)) is None
+    assert Watch().look(np.stack([quiet, quiet]), none) == []
+
+
+def test_it_looks_on_from_where_it_was_and_is_more_patient_after_it_has_raised():
+    loud = np.full((2, 3), 20.0)
+    watch, telling = Watch(), np.ones((2, 3), dtype=bool)
+    loud[1] = 3.0
+    ((row, since, group),) = watch.look(loud, telling)
+    assert (row, since, group) == (3, 1, 0)
+    watch.restart(0, row + 1)
+    assert watch.looked == 4
+    assert watch.look(loud, telling) == []
+    assert watch.look(loud, telling) == [(9, 4, 0)]

@@ -138,81 +138,88 @@ def best_regime(
 
 
 class Watch:
-    """Page's two sums of one group, sample by sample."""
+    """Page's two sums of translation and rotation each, sample by sample."""
 
     def __init__(self) -> None:
         """Look at the rows from 1 on."""
-        self._patience = 0.5
-        self.restart(1)
+        self._patience = np.ones((2, 1))
+        self._sums = np.zeros((2, len(_THRESHOLDS)))
+        self._since = np.ones(self._sums.shape, dtype=np.int64)
+        self._looked = np.ones(2, dtype=np.int64)
 
-    def restart(self, row: int) -> None:
-        """The rows before ``row`` were looked into; more is needed the next time."""
-        self._patience *= 2.0
-        self._sums = np.zeros(len(_THRESHOLDS))
-        self._since = np.full(len(_THRESHOLDS), row, dtype=np.int64)
-        self._looked = row
+    def restart(self, group: int, row: int) -> None:
+        """A group's rows before ``row`` were looked into; more is needed the next time."""
+        self._patience[group] *= 2.0
+        self._sums[group], self._since[group], self._looked[group] = 0.0, row, row
 
     @property
     def looked(self) -> int:
         """The first row that was not looked at yet."""
-        return self._looked
+        return int(self._looked.min())
 
-    def look(self, squares: Array, telling: Mask) -> tuple[int, int] | None:
-        """Look at ``e²`` (n,) of the rows from ``looked`` on.
+    def look(self, squares: Array, telling: Mask) -> list[tuple[int, int, int]]:
+        """Look at ``e²`` (2, n) of the rows from ``looked`` on.
 
-        A small one tells of a process that promises too little where ``telling`` (n,): elsewhere
+        A small one tells of a process that promises too little where ``telling`` (2, n): elsewhere
         the instrument's accuracy, which the samples need not show, explains it.
 
-        Return the first row at which a threshold is exceeded and the one since which it was
-        approached, and look at all again the next time; or None.
+        Return, of each group one of whose thresholds is exceeded, the first row at which it is, the
+        one since which it was approached, and the group; of these look at all again the next time.
         """
+        sums, since = np.empty_like(self._sums), np.empty_like(self._since)
+        raised = np.full((2, 2), -1, dtype=np.int64)
+        end = self.looked + squares.shape[1]
         if loops.there():
-            return self._look(squares, telling)
+            loops.call(
+                "page_look",
+                np.ascontiguousarray(squares),
+                np.ascontiguousarray(telling),
+                end,
+                squares.shape[1],
+                self._looked,
+                len(squares),
+                _STEEPNESS,
+                _OFFSETS,
+                self._patience * _THRESHOLDS,
+                len(_THRESHOLDS),
+                _CAUTIOUS,
+                self._sums,
+                self._since,
+                sums,
+                since,
+                raised,
+            )
+        else:
+            for group in range(2):
+                new = slice(squares.shape[1] - end + int(self._looked[group]), None)
+                sums[group], since[group], raised[group] = self._look(
+                    group, squares[group, new], telling[group, new]
+                )
+        still = raised[:, 0] < 0
+        self._sums[still], self._since[still], self._looked[still] = sums[still], since[still], end
+        return [(*raised[group].tolist(), group) for group in np.flatnonzero(~still).tolist()]
+
+    def _look(
+        self, group: int, squares: Array, telling: Mask
+    ) -> tuple[Array, npt.NDArray[np.int64], tuple[int, int]]:
+        """A group's sums after its next rows, since when each is not zero, and what is raised."""
+        looked, since = int(self._looked[group]), self._since[group]
         terms = 0.5 * (squares * _STEEPNESS[:, None] - _OFFSETS[:, None])
         terms[_CAUTIOUS] *= telling
-        walk = np.cumsum(np.concatenate([self._sums[:, None], terms], axis=1), axis=1)
+        walk = np.cumsum(np.concatenate([self._sums[group][:, None], terms], axis=1), axis=1)
         lowest = np.minimum.accumulate(np.minimum(walk, 0.0), axis=1)
         sums, zero = walk - lowest, walk <= lowest
-        exceeded = sums > self._patience * _THRESHOLDS[:, None]
+        exceeded = sums > (self._patience[group] * _THRESHOLDS)[:, None]
+        raised = -1, -1
         if exceeded.any():
             places = np.where(exceeded.any(axis=1), exceeded.argmax(axis=1), len(squares) + 1)
             test = int(places.argmin())
             place = int(places[test])
             before = np.flatnonzero(zero[test, :place])
-            begin = self._looked + int(before[-1]) if len(before) else int(self._since[test])
-            return self._looked + place - 1, begin
-        newest = self._looked + len(squares) - zero[:, ::-1].argmax(axis=1)
-        self._sums = sums[:, -1]
-        self._since = np.where(zero.any(axis=1), newest, self._since)
-        self._looked += len(squares)
-        return None
-
-    def _look(self, squares: Array, telling: Mask) -> tuple[int, int] | None:
-        """The same in C."""
-        sums, since = np.empty_like(self._sums), np.empty_like(self._since)
-        raised = np.empty(2, dtype=np.int64)
-        if loops.call(
-            "page_look",
-            np.ascontiguousarray(squares),
-            np.ascontiguousarray(telling),
-            len(squares),
-            self._looked,
-            _STEEPNESS,
-            _OFFSETS,
-            self._patience * _THRESHOLDS,
-            len(_THRESHOLDS),
-            _CAUTIOUS,
-            self._sums,
-            self._since,
-            sums,
-            since,
-            raised,
-        ):
-            row, begin = raised.tolist()
-            return row, begin
-        self._sums, self._since = sums, since
-        self._looked += len(squares)
-        return None
+            begin = looked + int(before[-1]) if len(before) else int(since[test])
+            raised = looked + place - 1, begin
+        newest = looked + len(squares) - zero[:, ::-1].argmax(axis=1)
+        return sums[:, -1], np.where(zero.any(axis=1), newest, since), raised
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +260,7 @@ class Adaptation:
         """Begin with ``regimes``, which the samples before the segment were in."""
         self.process = process
         self._regimes = regimes
-        self._watches = (Watch(), Watch())
+        self._watch = Watch()
         self.epochs: list[Epoch] = []
         self.count = 0
         """Number of samples taken."""
@@ -302,7 +309,7 @@ class Adaptation:
             seen = values[max(first - _CONTEXT, 0) : row + 1].of(group)
             rows = first - max(first - _CONTEXT, 0)
             regime = best_regime(learned[group], epoch.regimes[group], seen, rows, ratio)
-            self._watches[group].restart(row + 1)
+            self._watch.restart(group, row + 1)
             if regime != epoch.regimes[group]:
                 self._begin(
                     row + 1,
@@ -328,7 +335,7 @@ class Adaptation:
         And the standardised mean square of the rows between.
         """
         regression = self.epochs[-1].regression
-        first = min(watch.looked for watch in self._watches)
+        first = self._watch.looked
         if first >= regression.count:
             return None
         squares, log_dets = (
@@ -336,13 +343,7 @@ class Adaptation:
         )
         least = np.log(_TELLING * np.square(self.process.accuracy))
         telling = np.asarray((log_dets > least[:, None, None]).all(axis=1))
-        squares = squares.sum(axis=1)
-        found = []
-        for group, watch in enumerate(self._watches):
-            new = slice(watch.looked - first, None)
-            raised = watch.look(squares[group, new], telling[group, new])
-            if raised is not None:
-                found.append((*raised, group))
+        found = self._watch.look(squares.sum(axis=1), telling)
         if not found:
             return None
         row, since, group = min(found)
