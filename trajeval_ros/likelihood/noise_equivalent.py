@@ -21,7 +21,6 @@ import numpy.typing as npt
 
 from trajeval_ros.alignment.gauge import Gauge, Similarity
 from trajeval_ros.likelihood.absolute import absolute_residual
-from trajeval_ros.likelihood.band import BandFactor
 
 Array = npt.NDArray[np.float64]
 
@@ -70,20 +69,21 @@ def _evaluate(covariance: Array, jacobian: Array, residual: Array, variance: Arr
     noisy = covariance.copy()
     diagonal = np.arange(6)
     noisy[:, diagonal, diagonal] += np.repeat(variance, 3)
-    factor = BandFactor.of(noisy[:, None])
-    columns = np.empty((count, 6, d + 7))
-    columns[..., :d], columns[..., d], columns[..., d + 1 :] = jacobian, residual, np.eye(6)
-    white = factor.whiten(columns)
+    lower = np.linalg.cholesky(noisy)
+    log_det = 2.0 * float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
+    inverse = np.linalg.inv(lower)
+    columns = np.concatenate([jacobian, residual[..., None]], axis=-1)
+    white = (inverse @ columns).reshape(6 * count, d + 1)
     # NumPy's annotation leaves out that mode="r" returns an array alone.
     root = np.asarray(np.linalg.qr(white[:, :d], mode="r"))
     optimum = -np.linalg.solve(root, np.linalg.solve(root.T, white[:, :d].T @ white[:, d]))
     left = white[:, :d] @ optimum + white[:, d]
-    unwhiten = white[:, d + 1 :].reshape(count, 6, 6).swapaxes(-1, -2)
+    unwhiten = inverse.swapaxes(-1, -2)
     weight = unwhiten @ unwhiten.swapaxes(-1, -2)
     weighted = unwhiten @ white[:, :d].reshape(count, 6, d)
     u = (unwhiten @ left.reshape(count, 6, 1))[..., 0]
     log_lever = 2.0 * np.log(np.abs(np.diagonal(root))).sum()
-    value = -0.5 * float(factor.log_det + log_lever + left @ left)
+    value = -0.5 * float(log_det + log_lever + left @ left)
     gradient, expected, square = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
     pulled = np.zeros((2, d))
     for a, rows in enumerate(_GROUPS):
