@@ -7,6 +7,7 @@ from glob import glob
 from pathlib import Path
 
 from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 
 PACKAGE = "trajeval_ros"
 SHARE = f"share/{PACKAGE}"
@@ -63,6 +64,19 @@ LOOPS = Extension(
     libraries=["m"],
     optional=True,
 )
+
+
+class Build(build_ext):
+    """Leaves no library of earlier sources to be installed where these cannot be compiled."""
+
+    def build_extension(self, ext):
+        try:
+            super().build_extension(ext)
+        except Exception:
+            Path(self.get_ext_fullpath(ext.name)).unlink(missing_ok=True)
+            raise
+
+
 EXTRAS["demo"] = EXTRAS["ros"] + EXTRAS["terminal"] + EXTRAS["watch"]
 
 setup(
@@ -76,6 +90,7 @@ setup(
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     ext_modules=[LOOPS],
+    cmdclass={"build_ext": Build},
     package_data={"": ["py.typed", "*.css", "*.html", "*.js", "*.LICENSE"]},
     zip_safe=False,
     # PyYAML comes with rclpy; evaluate --params needs it on a machine without ROS too.

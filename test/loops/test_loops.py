@@ -107,6 +107,20 @@ def test_a_package_without_a_compiler_is_built_and_works(tmp_path):
     assert not list(tmp_path.rglob("*.so"))
 
 
+def test_a_library_of_before_is_not_installed_without_a_compiler(tmp_path):
+    pytest.importorskip("setuptools")
+    old = tmp_path / "lib" / "trajeval_ros" / "loops" / f"_loops{EXTENSION_SUFFIXES[0]}"
+    old.parent.mkdir(parents=True)
+    old.write_bytes(b"of other sources")
+    os.utime(old, (0, 0))
+    environment = {**os.environ, "CC": "/nowhere/cc", "PYTHONDONTWRITEBYTECODE": "1"}
+    build = [sys.executable, "setup.py", "-q", "build_ext", "--build-lib", str(tmp_path / "lib")]
+    build += ["--build-temp", str(tmp_path / "temp")]
+    done = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not old.exists()
+
+
 def test_a_compiler_has_nothing_to_say(tmp_path):
     """Warnings are errors here, as everywhere."""
     pytest.importorskip("setuptools")

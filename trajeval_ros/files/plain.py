@@ -69,7 +69,8 @@ def scaled(digits: Integers, decimals: Integers, exponent: int) -> tuple[Integer
         some = digits[alike]
         if 0 <= power <= _DIGITS:
             found[alike] = some * 10**power
-            known[alike] = np.abs(some) <= (2**63 - 1) // 10**power
+            most = (2**63 - 1) // 10**power
+            known[alike] = (-most <= some) & (some <= most)
         elif -_DIGITS <= power < 0:
             whole, rest = np.divmod(some, 10**-power)
             over = rest - 10**-power // 2
