@@ -11,7 +11,7 @@ from trajeval_ros import loops
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.series import Series
 from trajeval_ros.error_model.start import _correlations
-from trajeval_ros.error_model.structure import _nonnegative, starts, structure
+from trajeval_ros.error_model.structure import _nonnegative, _variances, starts, structure
 
 pytestmark = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
 
@@ -64,3 +64,10 @@ def test_correlations_at_offsets(seed, count, others, varied):
     offsets = np.array([-1e9, -1.0, -0.01, 0.0, when_truth[0] - when[0], 0.5, 1e9])
     found, expected = both(_correlations, when, speed, when_truth, truth, offsets)
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_what_is_not_a_number_stays_none():
+    errors = np.random.default_rng(0).normal(size=(3, 50))
+    errors[1, 7] = np.nan
+    for found in both(_variances, errors, np.arange(50.0), np.array([1, 2, 5]), 1.5):
+        assert np.isnan(found).all()

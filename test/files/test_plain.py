@@ -165,3 +165,10 @@ def test_stamps_beyond_any_double_are_refused_without_a_warning(tmp_path):
     path.write_text("1e308 0\n" * 2)
     with pytest.raises(TrajectoryFileError, match="row 1: the stamp '1e308' is out of the range"):
         read_stamps(read_table(path, TWO), SECONDS)
+
+
+def test_the_least_of_64_bits_is_out_of_range_as_any_other(tmp_path):
+    path = tmp_path / "table.txt"
+    path.write_text("-9223372036854775808 0\n" * 2)
+    with pytest.raises(TrajectoryFileError, match="is out of the range of seconds"):
+        read_stamps(read_table(path, TWO), SECONDS)

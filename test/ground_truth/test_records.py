@@ -196,3 +196,16 @@ def test_little_noise_beside_much_motion_is_exact():
         expected -= mpmath.log(mpmath.det(covariance)) + mpmath.log(information)
         expected -= (nu + d) / 2 * mpmath.log(1 + square / nu)
     assert found.value == pytest.approx(float(expected), abs=1e-6)
+
+
+@built
+def test_whole_numbers_and_other_orders_of_memory_are_read_as_what_they_are():
+    values = np.random.default_rng(0).integers(-9, 9, (20, 3))
+    usual = Record(np.arange(20.0), values.astype(float), np.zeros(20))
+    wanted = Likelihood(KERNELS, [usual])(USUAL).value
+    whole = Record(np.arange(20), values, np.zeros(20, dtype=int))
+    turned = Record(usual.times, np.asfortranarray(usual.values), usual.variances)
+    for given_record in (whole, turned):
+        assert Likelihood(KERNELS, [given_record])(USUAL).value == wanted
+    rows = np.asfortranarray(np.stack([USUAL, USUAL]))
+    assert Likelihood(KERNELS, [usual] * 2, [0, 1])(rows).value == pytest.approx(2 * wanted)

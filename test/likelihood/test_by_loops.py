@@ -95,3 +95,13 @@ def test_information(seed, dimension, rows):
     assert (np.abs(square - expected) <= 1e-9 * size + 1e-300).all()
     assert chi2 == pytest.approx(its_chi2, rel=1e-9, abs=1e-12 * (expected[-1, -1] + its_chi2))
     assert not np.tril(root, -1).any()
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_what_is_not_a_number_stays_none(place):
+    """As a maximum that leaves NaN out it would be no residual at all."""
+    columns = np.random.default_rng(0).normal(size=(4, 3))
+    columns[place] = np.nan
+    for found in both(lambda: Information.none(2).absorb(columns, 0.0)):
+        assert np.isnan(found.root[0]).all()
+        assert np.isnan(found.chi2)

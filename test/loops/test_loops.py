@@ -133,3 +133,11 @@ def test_a_compiler_has_nothing_to_say(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "warning:" not in done.stderr, done.stderr
     assert list(tmp_path.rglob("_loops*.so"))
+
+
+@pytest.mark.parametrize("values", [[1, 2], np.array([True, False]), np.ones((4, 3))[::2].T])
+def test_doubles_are_what_a_loop_reads(values):
+    found = loops.doubles(values)
+    assert found.dtype == np.float64
+    assert found.flags.c_contiguous
+    np.testing.assert_array_equal(found, values)

@@ -48,7 +48,7 @@ class Band:
         c, d = system.nuisances.shape[2], system.gauge.shape[2]
         self._columns = c + d
         self._sizes = count, k, c, d, -(-(c + d + 1) // _LANES) * _LANES
-        contiguous = np.ascontiguousarray
+        contiguous = loops.doubles
         self._regressors = tuple(
             contiguous(each) for each in (system.nuisances, system.gauge, system.errors)
         )

@@ -47,7 +47,7 @@ class Filtered:
         """Filter the errors."""
         self._kind, self._count = kind, series.errors.shape[1]
         self._parameters, self._intervals, self._errors, variance, measured, self._moved = map(
-            np.ascontiguousarray,
+            loops.doubles,
             (
                 parameters,
                 series.intervals,
@@ -141,7 +141,7 @@ class Filtered:
 
     def _of_columns(self, name: str, columns: Array, found: Array) -> None:
         lanes = columns.shape[1] * columns.shape[2]
-        given = self._filtered.view(np.float64), np.ascontiguousarray(columns), found
+        given = self._filtered.view(np.float64), loops.doubles(columns), found
         loops.call(name, self._count, lanes, *given, np.empty((2, lanes)))
 
     def gradient(self) -> Array:

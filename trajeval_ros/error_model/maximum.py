@@ -190,7 +190,7 @@ def _newton_step(
     """
     if loops.there():
         step, promised = np.empty(len(here)), np.empty(1)
-        given = map(np.ascontiguousarray, (here, slope, curvature, low, high))
+        given = map(loops.doubles, (here, slope, curvature, low, high))
         if loops.call("newton_step", len(here), *given, _LITTLE, _LONGEST, step, promised):
             raise np.linalg.LinAlgError("no curvature")
         return step, float(promised[0])
@@ -278,7 +278,7 @@ def _reweighted_in_c(
     count = len(poses[0])
     reach = min(2 * apart, 2 * count - 1)
     new, work, promised = np.empty(2 * count - 1), np.empty(4 * count - 2 + 2 * reach), np.empty(1)
-    now = [np.ascontiguousarray(each) for each in weights]
+    now = [loops.doubles(each) for each in weights]
     loops.call(
         "reweigh",
         count,
@@ -287,7 +287,7 @@ def _reweighted_in_c(
         float(own[0]),
         now[0],
         np.stack(steps),
-        np.ascontiguousarray(own_move),
+        loops.doubles(own_move),
         now[1],
         _KAPPA,
         _RARE,

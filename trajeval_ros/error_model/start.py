@@ -85,7 +85,7 @@ def _correlations(
     """Of ``speed`` (n,) with ``truth`` (m,), interpolated at each offset; 0 where none varies."""
     correlation = np.zeros(len(offsets))
     if loops.there():
-        given = map(np.ascontiguousarray, (when, speed, when_truth, truth, offsets))
+        given = map(loops.doubles, (when, speed, when_truth, truth, offsets))
         counts, work = (len(when), len(truth), len(offsets)), np.empty(len(truth))
         loops.call("correlations", *counts, *given, correlation, work)
         return correlation

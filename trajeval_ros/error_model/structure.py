@@ -93,7 +93,8 @@ def _variances(errors: Array, times: Array, steps: npt.NDArray[np.int64], gap: f
     """
     found = np.empty(len(steps))
     if loops.there():
-        given = np.ascontiguousarray(errors), times, steps, gap * steps, _MEDIAN, _RARE, _CLIPPED
+        lengths = loops.doubles(times), steps, gap * steps
+        given = loops.doubles(errors), *lengths, _MEDIAN, _RARE, _CLIPPED
         work = np.empty(len(times))
         return found[: loops.call("structure", len(times), len(steps), *given, found, work)]
     for i, lag in enumerate(steps):
@@ -117,7 +118,7 @@ def _nonnegative(design: Array, values: Array, weight: Array) -> tuple[Array, Ar
     size = design.shape[2]
     best, cost = np.zeros(design.shape[::2]), np.full(len(design), np.inf)
     if loops.there():
-        given = np.ascontiguousarray(normal), right, float(target @ target)
+        given = loops.doubles(normal), loops.doubles(right), float(target @ target)
         loops.call("nonnegative", len(design), size, *given, best, cost)
         return best, cost
     for count in range(1, size + 1):

@@ -172,7 +172,7 @@ class Watch:
         if loops.there():
             loops.call(
                 "page_look",
-                np.ascontiguousarray(squares),
+                loops.doubles(squares),
                 np.ascontiguousarray(telling),
                 end,
                 squares.shape[1],

@@ -209,9 +209,10 @@ class _Markov:
         self.longest = int(self.counts[0])
         self.orders = np.array([len(kernel.coefficients) for kernel in kernels])
         self.rates = np.array([kernel.rate for kernel in kernels])
-        self.times = np.concatenate([record.times for record in records])
-        self.values = np.concatenate([record.values for record in records])
-        self.variances = np.concatenate([record.variances for record in records])
+        self.times, self.values, self.variances = (
+            loops.doubles(np.concatenate(each))
+            for each in zip(*((r.times, r.values, r.variances) for r in records), strict=True)
+        )
 
     @cached_property
     def room_for_values(self) -> int:
@@ -234,7 +235,7 @@ class _MarkovFit(Fit):
         """Go through every record."""
         super().__init__(shape)
         self._data = data
-        natural = np.exp(log_parameters)
+        natural = np.exp(loops.doubles(log_parameters))
         self._rows = natural.shape
         self._arguments = (
             data.begins,

@@ -54,7 +54,7 @@ def _numbers(kernel: MarkovSum) -> tuple[loops.Argument, ...]:
         np.array([len(each) for each in coefficients], dtype=np.int64),
         np.array(past),
         len(kernels),
-        np.ascontiguousarray(np.stack([rates, rates * moves, kernel.component_variances], axis=1)),
+        loops.doubles(np.stack([rates, rates * moves, kernel.component_variances], axis=1)),
     )
 
 
@@ -106,8 +106,8 @@ class RecursiveFactor(Factor):
             *self._process,
             self._information,
             self.times,
-            np.ascontiguousarray(samples.values),
-            np.ascontiguousarray(samples.noise),
+            loops.doubles(samples.values),
+            loops.doubles(samples.noise),
             known,
             self.count,
             len(self.times),
@@ -132,7 +132,7 @@ class RecursiveFactor(Factor):
             loops.call(
                 "factor_products",
                 *self._known,
-                np.ascontiguousarray(times),
+                loops.doubles(times),
                 np.ascontiguousarray(counts),
                 len(times),
                 kinds,
@@ -164,7 +164,7 @@ class RecursiveFactor(Factor):
         loops.call(
             "factor_whitened",
             *self._known,
-            np.ascontiguousarray(times),
+            loops.doubles(times),
             np.ascontiguousarray(counts),
             len(times),
             white,

@@ -272,8 +272,8 @@ class Segment:
         coordinates[: len(before)] = before
         loops.call(
             "local_coordinates",
-            np.ascontiguousarray(self._samples.poses[0]),
-            np.ascontiguousarray(poses),
+            loops.doubles(self._samples.poses[0]),
+            loops.doubles(poses),
             len(poses),
             len(before),
             coordinates,

@@ -139,8 +139,8 @@ def _trailing_triangle(band: Array, blocks: int) -> Array:
 
 def _whitened(covariance: Array, columns: Array) -> tuple[Array, Array]:
     """`BandWhitener.update` of blocks that are independent of each other, (n, 6, 6), in C."""
-    white, log_det = np.array(columns, order="C"), np.empty(len(columns))
-    given = np.ascontiguousarray(covariance)
+    white, log_det = np.array(columns, dtype=np.float64, order="C"), np.empty(len(columns))
+    given = loops.doubles(covariance)
     wrong = loops.call("sums_whitened", len(columns), columns.shape[-1], given, white, log_det)
     if wrong:
         raise CovarianceError(wrong - 1)

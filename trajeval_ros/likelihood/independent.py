@@ -50,7 +50,7 @@ def absorbed_columns(information: Information, covariance: Array, columns: Array
     Raises CovarianceError where a covariance is not positive definite.
     """
     triangle, log_det = _triangle(information), np.zeros(1)
-    given = np.ascontiguousarray(covariance), np.ascontiguousarray(columns)
+    given = loops.doubles(covariance), loops.doubles(columns)
     wrong = loops.call("absorb_whitened", len(columns), len(triangle), *given, triangle, log_det)
     if wrong:
         raise CovarianceError(wrong - 1)
@@ -100,10 +100,10 @@ def _through(
     wrong = loops.call(
         "absolute",
         len(poses[0]),
-        *map(np.ascontiguousarray, poses),
-        np.ascontiguousarray(alignment.pose),
+        *map(loops.doubles, poses),
+        loops.doubles(alignment.pose),
         float(alignment.scale),
-        np.ascontiguousarray(centre),
+        loops.doubles(centre),
         np.empty(0, dtype=np.int64) if free is None else free,
         -1 if free is None else len(free),
         se3.LOGARITHM_TABLE,

@@ -48,7 +48,7 @@ def _by_loop(
     """`_innovations` in C."""
     chi2, log_det = np.empty((2, len(error)))
     mean, spread = mean.copy(), spread.copy()
-    given = (np.ascontiguousarray(each) for each in (error, adjoint, covariance))
+    given = map(loops.doubles, (error, adjoint, covariance))
     wrong = loops.call("innovations", len(error), *given, mean, spread, chi2, log_det)
     if wrong:
         # A step of 10,000 km: its lever arm leaves no digit of the noise.

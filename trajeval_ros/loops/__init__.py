@@ -22,6 +22,7 @@ from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 # In the environment 0 leaves all to NumPy, and a path is that of another library (`make sanitize`).
 SWITCH = "TRAJEVAL_ROS_LOOPS"
@@ -77,6 +78,11 @@ def left_out() -> Iterator[None]:
         yield
     finally:
         _library = kept
+
+
+def doubles(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """As a loop reads them: float64 in C's order; whole numbers' bits would be taken for them."""
+    return np.ascontiguousarray(values, dtype=np.float64)
 
 
 def call(name: str, *arguments: Argument) -> int:

@@ -72,9 +72,10 @@ int structure(int64_t count, int64_t lags, const double *errors, const double *t
             return (int)l;
         double variance = median(n, work) / of_median;
         for (int64_t c = 0; c < clipped; c++) {
+            const double most = rare * variance;
             double sum = 0.0;
             for (int64_t i = 0; i < n; i++)
-                sum += fmin(work[i], rare * variance);
+                sum += work[i] > most ? most : work[i];
             variance = sum / (double)n / 3.0;
         }
         variances[l] = variance;

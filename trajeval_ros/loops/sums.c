@@ -68,6 +68,9 @@ int64_t sums_whitened(int64_t count, int64_t wide, const double *covariance, dou
     return 0;
 }
 
+/* The larger one, NaN where either is. */
+static inline double larger(double a, double b) { return b > a || isnan(b) ? b : a; }
+
 /* The triangle R with R'R = A'A, by Householder's reflections, as the first rows of A (rows, wide),
  * wide <= rows, wide <= 8. */
 int sums_triangle(int64_t rows, int64_t wide, double *matrix)
@@ -77,11 +80,11 @@ int sums_triangle(int64_t rows, int64_t wide, double *matrix)
     for (int64_t j = 0; j < wide; j++) {
         double largest = 0.0, square = 0.0, product[WIDEST] = {0.0};
         for (int64_t i = j + 1; i < rows; i++)
-            largest = fmax(largest, fabs(matrix[wide * i + j]));
+            largest = larger(largest, fabs(matrix[wide * i + j]));
         if (largest == 0.0)
             continue;
         const double head = matrix[wide * j + j];
-        largest = fmax(largest, fabs(head));
+        largest = larger(largest, fabs(head));
         for (int64_t i = j; i < rows; i++) {
             const double scaled = matrix[wide * i + j] / largest;
             square += scaled * scaled;
