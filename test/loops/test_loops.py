@@ -33,10 +33,16 @@ def test_what_was_built_is_of_these_sources():
 
 @built
 def test_a_library_of_other_sources_is_none(monkeypatch):
+    there = loops._library._name
+    monkeypatch.setenv(loops.SWITCH, there)
     assert loops._loaded() is not None
     monkeypatch.setattr(loops, "sources", lambda: 1)
+    with pytest.raises(OSError, match="other sources"):
+        loops._loaded()
+    monkeypatch.delenv(loops.SWITCH)
     assert loops._loaded() is None
     monkeypatch.setattr(loops, "sources", lambda: None)
+    monkeypatch.setenv(loops.SWITCH, there)
     assert loops._loaded() is not None
 
 

@@ -33,7 +33,10 @@ _byref, _from_buffer = ctypes.byref, ctypes.c_char.from_buffer
 
 
 def _loaded() -> ctypes.CDLL | None:
-    """The library, if it was built, from these sources, and is wanted."""
+    """The library, if it was built, from these sources, and is wanted.
+
+    Raises OSError or AttributeError where one is named that cannot be had.
+    """
     wanted = os.environ.get(SWITCH)
     if wanted == "0":
         return None
@@ -49,7 +52,11 @@ def _loaded() -> ctypes.CDLL | None:
         if wanted:
             raise
         return None  # of another machine, or of before
-    return library if sources() in (None, library.loops_sources()) else None
+    if sources() in (None, library.loops_sources()):
+        return library
+    if wanted:
+        raise OSError(f"{path} was built from other sources")
+    return None
 
 
 def sources() -> int | None:
