@@ -46,6 +46,8 @@ def test_a_drive() -> None:
     assert found["all_pairs"]["re_translation_rmse"] == pytest.approx(0.01 * 6**0.5, rel=0.1)
     json.dumps(found, allow_nan=False)
     assert no_drift(found) == ""
+    single = drift(poses(4.0), settings(), spread=False)
+    assert single == {**found, "sub_trajectories": []}
 
 
 def test_a_walk_shorter_than_the_shortest() -> None:

@@ -64,10 +64,13 @@ class Poses:
         )
 
 
-def whole_run(summary: Figures, poses: Poses, settings: EvaluationSettings) -> Figures:
+def whole_run(
+    summary: Figures, poses: Poses, settings: EvaluationSettings, *, spread: bool = True
+) -> Figures:
     """Return the summary of a run with the figures that need all of its poses.
 
-    ``absolute.log_likelihood_nonlinear``, and ``drift``.
+    ``absolute.log_likelihood_nonlinear``, and ``drift``, whose ``sub_trajectories`` are none
+    without ``spread``.
     """
     nonlinear = None
     if len(poses.stamps) > 1:
@@ -77,7 +80,7 @@ def whole_run(summary: Figures, poses: Poses, settings: EvaluationSettings) -> F
     return {
         **summary,
         "absolute": {**summary["absolute"], "log_likelihood_nonlinear": nonlinear},
-        "drift": drift(poses, settings),
+        "drift": drift(poses, settings, spread=spread),
     }
 
 
@@ -108,11 +111,12 @@ def _known(sampled: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_] | slice:
     return slice(None) if sampled.all() else sampled
 
 
-def drift(poses: Poses, settings: EvaluationSettings) -> Figures:
+def drift(poses: Poses, settings: EvaluationSettings, *, spread: bool = True) -> Figures:
     """The conventional figures over sub-trajectories, of the poses outside the gaps.
 
     What is divided by a path, or goes along it, is None where the path is the ground truth's noise;
-    and all is None in `sim3` where the scale is not observed.
+    and all is None in `sim3` where the scale is not observed. ``spread``: with the quantiles over
+    ``sub_trajectories`` of each length, which is most of the work.
     """
     known = _known(poses.sampled)
     stamps, truth, estimate = poses.stamps[known], poses.ground_truth[known], poses.estimate[known]
@@ -141,7 +145,7 @@ def drift(poses: Poses, settings: EvaluationSettings) -> Figures:
             **_over(benchmark.overall),
             "lengths": [_over(each) for each in benchmark.by_length],
         },
-        "sub_trajectories": [_box(box) for box in boxes(truth, estimate, metre)],
+        "sub_trajectories": [_box(box) for box in boxes(truth, estimate, metre)] if spread else [],
     }
 
 

@@ -63,8 +63,8 @@ class Scoring:
     """An estimate to be scored: its poses, and the records that are kept of it.
 
     ``observe`` is called with what each batch brings, and what gives the run's summary by then.
-    Without ``explain`` there are the figures alone: no causes are looked for, and the report has
-    its parameters and defects only.
+    Without ``explain`` there are the single figures alone: no causes are looked for, no quantiles
+    over sub-trajectories, and the report has its parameters and defects only.
     """
 
     estimate: Trajectory
@@ -208,7 +208,7 @@ def completed(
 
     ``inputs``: what the ground truth and the estimate are of; ``kept``: every evaluated pose;
     ``whole``: the engine has all of the ground truth still; without ``explain`` no likely causes
-    are looked for, nor what the page alone shows.
+    are looked for, nor what the page alone shows, and ``drift.sub_trajectories`` are none.
     """
     offset = engine.settings.estimates[name].time_offset
     summary: Figures = {
@@ -238,7 +238,7 @@ def completed(
         put_into(summary, of_positions)
         report.of_rows += causes_on_positions(engine, name, summary, of_positions.get("run"))
     if some and not position_only:
-        summary = whole_run(summary, poses, evaluation)
+        summary = whole_run(summary, poses, evaluation, spread=explain)
         none: dict[str, tuple[Box, ...]] = {}
         if explain:
             report.growth = shield(
