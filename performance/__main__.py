@@ -46,12 +46,15 @@ def make_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run benchmarks; return 0, or 1 where one could not be run."""
     from performance import tables
+    from trajeval_ros import loops
 
     arguments = make_parser().parse_args(argv)
     if arguments.list:
         for name, what in NAMES.items():
             print(f"{name:14}{what}")
         return 0
+    if not loops.there():
+        print("The loops in C are not built from these sources, or switched off: NumPy's figures.")
     skipped = False
     for name in arguments.names or NAMES:
         begin = time.monotonic()
