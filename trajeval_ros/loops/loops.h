@@ -11,7 +11,8 @@
 
 /* Before a function that is compiled for AVX2 too, and before those that are compiled into it.
  * Nothing is fused or summed in another order: the digits are the same. */
-#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
+#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__)
 #define LOOPS_WIDE __attribute__((target_clones("avx2", "default")))
 #define LOOPS_PART static inline __attribute__((always_inline))
 #else
