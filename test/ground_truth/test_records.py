@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The likelihood by the filter in C, and the dense one; each by itself is in test_learning."""
 
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -173,6 +172,7 @@ def test_little_noise_beside_much_motion_is_exact():
     each = record(np.random.default_rng(9), 15, coordinates=2, interval=0.02)
     natural = np.log([30.0, 2.0, 1e-5])
     found = Likelihood((Matern52(),), [Record(each.times, each.values, 0 * each.times)])(natural)
+    mpmath = pytest.importorskip("mpmath")
     with mpmath.workdps(50):
         std, length, noise = (mpmath.mpf(float(np.exp(p))) for p in natural)
         t, size = [mpmath.mpf(float(s)) for s in each.times], len(each.times)

@@ -54,7 +54,7 @@ def same(mine, other, kernels):
     if loops.there() and len(kernels) > 1:
         np.testing.assert_array_equal(mine, other)
     else:
-        np.testing.assert_allclose(mine, other, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(mine, other, rtol=1e-9, atol=1e-12)
 
 
 def both(values, noise, groups=2):

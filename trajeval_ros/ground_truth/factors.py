@@ -35,7 +35,11 @@ from trajeval_ros.ground_truth.kernel_sum import KernelSum, MarkovSum
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
 
+# The posterior variance is a small difference of large numbers, so its last digits show how the
+# arithmetic was ordered. To give the same digits however the samples and the queries were cut into
+# batches, BLAS and LAPACK see shapes that depend on the position in the segment alone.
 _BLOCK = 32
+_PANEL = 8
 _ROWS, _COLUMNS = np.tril_indices(_BLOCK)
 _LOWER = _ROWS * _BLOCK + _COLUMNS
 # The times (s) of rows without a sample: so far from all others that no kernel knows of them.
@@ -283,14 +287,25 @@ class MarkovFactor(_SummedFactor):
         return ahead, np.asarray(kernel.past(powers[:, :, _BLOCK : 2 * _BLOCK])[0])
 
     def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
-        """From the block on that the earliest query lies in."""
+        """In panels, from the block on that each query lies in."""
+        explained = np.empty((kinds, self._groups, len(times)))
+        found = np.empty((*explained.shape, self._columns))
         ends = self.times[_BLOCK - 1 : self.count : _BLOCK]
-        first = int(np.searchsorted(ends, times.min(initial=np.inf), side="right"))
-        first = min(first, (int(counts.min(initial=1)) - 1) // _BLOCK)
+        own = np.searchsorted(ends, times, side="right")
+        for first, some, eight in _panels(np.minimum(own, (counts - 1) // _BLOCK)):
+            both = self._products(times[eight], counts[eight], kinds, first)
+            found[:, :, some], explained[:, :, some] = (each[:, :, : len(some)] for each in both)
+        return found, explained
+
+    def _products(
+        self, times: Array, counts: Counts, kinds: int, first: int
+    ) -> tuple[Array, Array]:
+        """Of one panel, from the ``first`` block on."""
         state = np.zeros((kinds, self._groups, len(times), self._kernel.rank))
         found, explained = np.zeros((*state.shape[:3], self._columns)), np.zeros(state.shape[:3])
         if first:
-            powers = self._kernel.powers((times - ends[first - 1])[None])
+            end = self.times[_BLOCK * first - 1]
+            powers = self._kernel.powers((times - end)[None])
             future = self._kernel.future(powers, kinds)[:, :, 0]
             seen = future @ self._sums[:, first - 1]
             found, state = seen[..., : self._columns], seen[..., self._columns :]
@@ -321,18 +336,25 @@ class MarkovFactor(_SummedFactor):
             yield b, white, gain[..., : self._columns]
 
     def whitened(self, times: Array, counts: Counts) -> Array:
-        """All blocks."""
+        """All blocks, in panels."""
         found = np.zeros((self._groups, len(times), rounded_up(int(counts.max(initial=0)))))
-        state = np.zeros((1, self._groups, len(times), self._kernel.rank))
-        for b, white, _ in self._walk(times, counts, state, 0):
-            found[..., _BLOCK * b : _BLOCK * (b + 1)] = white[0]
+        state = np.zeros((1, self._groups, _PANEL, self._kernel.rank))
+        for _, some, eight in _panels(np.zeros_like(counts)):
+            for b, white, _ in self._walk(times[eight], counts[eight], state, 0):
+                found[:, some, _BLOCK * b : _BLOCK * (b + 1)] = white[0, :, : len(some)]
         return found
 
     def weights(self, right: Array, counts: Counts) -> Array:
-        """From the last block on."""
+        """From the last block on, in panels."""
+        solution = np.zeros_like(right)
+        for _, some, eight in _panels(np.zeros_like(counts)):
+            solution[:, some] = self._weights(right[:, eight], counts[eight])[:, : len(some)]
+        return solution
+
+    def _weights(self, right: Array, counts: Counts) -> Array:
         state = np.zeros((*right.shape[:2], self._kernel.rank))
         solution = np.zeros_like(right)
-        for b in range((int(counts.max(initial=0)) - 1) // _BLOCK, -1, -1):
+        for b in range((int(counts.max()) - 1) // _BLOCK, -1, -1):
             here = slice(b * _BLOCK, (b + 1) * _BLOCK)
             past = self._solved[:, b, :, self._columns :]
             block = right[..., here] - state @ np.swapaxes(past, 1, 2)
@@ -392,28 +414,59 @@ class DenseFactor(_SummedFactor):
 
     def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
         """By all of v."""
-        white = self._whitened(times, counts, kinds)
-        found = white @ self._white[:, : white.shape[3]]
-        return found, np.einsum("kgqi,kgqi->kgq", white, white)
+        explained = np.empty((kinds, self._groups, len(times)))
+        found = np.empty((*explained.shape, self._columns))
+        for size, some, white in self._whitened(times, counts, kinds):
+            found[:, :, some] = (white @ self._white[:, :size])[:, :, : len(some)]
+            squares = np.einsum("kgqi,kgqi->kgq", white, white)
+            explained[:, :, some] = squares[:, :, : len(some)]
+        return found, explained
 
     def whitened(self, times: Array, counts: Counts) -> Array:
-        """Of the one matrix."""
-        return np.asarray(self._whitened(times, counts, 1)[0])
+        """By panels."""
+        found = np.zeros((self._groups, len(times), rounded_up(int(counts.max(initial=0)))))
+        for size, some, white in self._whitened(times, counts, 1):
+            found[:, some, :size] = white[0, :, : len(some)]
+        return found
 
-    def _whitened(self, times: Array, counts: Counts, kinds: int) -> Array:
-        rows = rounded_up(int(counts.max(initial=0)))
-        apart = (times[:, None] - self.times[:rows]).reshape(1, -1)
-        white = self._kernel.cross(apart, kinds).reshape(kinds, self._groups, len(times), -1)
-        for each in white:
-            _solve_rows(self._lower, each)
-        white *= np.arange(white.shape[3]) < counts[:, None]
-        return white
+    def _whitened(
+        self, times: Array, counts: Counts, kinds: int
+    ) -> Iterator[tuple[int, Counts, Array]]:
+        """Of each panel the rows looked at, which queries these are, and v (k, G, 8, rows)."""
+        for size, some, eight in _panels(_sizes(counts)):
+            apart = (times[eight, None] - self.times[:size]).reshape(1, -1)
+            white = self._kernel.cross(apart, kinds).reshape(kinds, self._groups, _PANEL, -1)
+            for each in white:
+                _solve_rows(self._lower, each)
+            white *= np.arange(size) < counts[eight, None]
+            yield size, some, white
 
     def weights(self, right: Array, counts: Counts) -> Array:
-        """Of the one matrix."""
-        solution = right.copy()
-        _solve_rows(self._lower, solution, transposed=True)
+        """By panels."""
+        solution = np.zeros_like(right)
+        for size, some, eight in _panels(_sizes(counts)):
+            panel = right[:, eight, :size]
+            _solve_rows(self._lower, panel, transposed=True)
+            solution[:, some, :size] = panel[:, : len(some)]
         return solution
+
+
+def _sizes(counts: Counts) -> Counts:
+    """As `rounded_up`."""
+    return np.array([rounded_up(count) for count in counts.tolist()], dtype=np.intp)
+
+
+def _panels(keys: Counts) -> Iterator[tuple[int, Counts, Counts]]:
+    """Queries whose keys (q,) are the same, eight at a time: the key, which, and eight of these.
+
+    Some stand there twice where there are fewer: the shapes that BLAS sees, and with them the order
+    of its sums, do not depend on what else is asked.
+    """
+    for key in np.unique(keys).tolist():
+        alike = np.flatnonzero(keys == key)
+        for begin in range(0, len(alike), _PANEL):
+            some = alike[begin : begin + _PANEL]
+            yield key, some, np.resize(some, _PANEL)
 
 
 def _solve_rows(lower: Array, rows: Array, transposed: bool = False) -> None:
