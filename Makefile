@@ -20,8 +20,8 @@ WORKERS = --numprocesses=auto --maxprocesses=4 --dist=loadfile
 NONE_IS_FINE = $(if $(strip $(ARGS)),|| [ $$? -eq 5 ])
 
 # What needs no ROS: the mathematics, the engine, the files, the report.
-NOBLE_TESTS = $(wildcard $(foreach name,alignment comparison conventional degenerate diagnosis files \
-	ground_truth library likelihood online report se3,test/$(name) test/test_$(name).py))
+NOBLE_TESTS = $(wildcard $(foreach name,alignment comparison conventional degenerate diagnosis error_model files \
+	ground_truth library likelihood loops online report se3,test/$(name) test/test_$(name).py))
 
 # Nodes of this machine only; messages type-checked as they are built; rclpy wants a HOME.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
