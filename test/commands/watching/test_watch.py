@@ -118,16 +118,25 @@ def until_met(graph: Graph, page: Watch, node: str = "/evaluator") -> None:
         graph.until(partial(graph.node.count_subscribers, f"{node}/{topic}"), topic)
 
 
+def is_met(graph: Graph, prefix: str) -> bool:
+    """Whether all topics of a node that are listened to here have a publisher by now."""
+    ours = [each for each in graph.node.subscriptions if each.topic_name.startswith(prefix)]
+    return all(each.get_publisher_count() for each in ours)
+
+
 def test_every_browser_shows_the_topics_figures(graph: Graph, tmp_path: Path) -> None:
     page = Watch(graph)
     assert page.is_said("waiting", "waiting for /evaluator")
     browsers = [Browser(page.port) for _ in range(10)]
     sleeper = socket.create_connection(("127.0.0.1", page.port))
     sleeper.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
-    evaluator = graph.start_evaluator()
+    # Before the node, so that it knows of them when it knows of the page.
     metrics = graph.listen(DiagnosticArray, "/evaluator/metrics")
     vectors = graph.listen(Vector3Stamped, "/evaluator/absolute/translation_error")
+    evaluator = graph.start_evaluator()
     until_met(graph, page)
+    graph.until(graph.health, "the node, heard here")
+    graph.until(lambda: is_met(graph, "/evaluator/"), "its topics, here")
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
     sections = until_shown(graph, page, metrics)
