@@ -11,11 +11,10 @@
  */
 #include <string.h>
 
-#include "loops.h"
+#include "cholesky.h"
 #include "se3.h"
 
-#define D 6
-#define MOST 8 /* freedoms of a similarity, and the residual */
+enum { MOST = 8 }; /* freedoms of a similarity, and the residual */
 
 /* T_gt and T_est are asked of g: its pose (4, 4) and scale, perturbed about a centre (3) in some
  * freedoms (dimension) of (rho, phi, lambda). series (terms, 2): as `se3_log`. */
@@ -71,30 +70,6 @@ static void jacobian(const Alignment *g, const double *eps, const double *aligne
     }
 }
 
-/* rows <- L^-1 rows (6, columns) with V = L L^T, (6, 6); log |V|; 0 where V has no factor. */
-static int whiten(const double *v, int64_t columns, double rows[D][MOST], double *log_det)
-{
-    double lower[D][D];
-    *log_det = 0.0;
-    for (int i = 0; i < D; i++) {
-        for (int j = 0; j <= i; j++) {
-            double sum = v[D * i + j];
-            for (int k = 0; k < j; k++) sum -= lower[i][k] * lower[j][k];
-            if (j < i)
-                lower[i][j] = sum / lower[j][j];
-            else if (sum > 0.0 && isfinite(sum))
-                lower[i][i] = sqrt(sum);
-            else
-                return 0;
-        }
-        *log_det += 2.0 * log(lower[i][i]);
-        for (int k = 0; k < i; k++)
-            for (int64_t c = 0; c < columns; c++) rows[i][c] -= lower[i][k] * rows[k][c];
-        for (int64_t c = 0; c < columns; c++) rows[i][c] /= lower[i][i];
-    }
-    return 1;
-}
-
 /* triangle (size, size), upper, takes rows (6, size) in: R^T R grows by rows^T rows. */
 static void absorb(int64_t size, double *triangle, double rows[D][MOST])
 {
@@ -133,13 +108,14 @@ int64_t absolute(int64_t count, const double *ground_truth, const double *estima
     const Alignment g = {pose, centre, series, scale, freedoms, dimension, terms};
     const int64_t last = dimension < 0 ? 0 : dimension;
     for (int64_t n = 0; n < count; n++) {
-        double eps[D], aligned[16], rows[D][MOST], log_det;
+        double eps[D], aligned[16], rows[D][MOST], lower[D][D], log_det;
         residual(&g, ground_truth + 16 * n, estimate + 16 * n, eps, aligned);
         for (int i = 0; i < D; i++)
             if (!isfinite(eps[i])) return -(n + 1);
         if (dimension > 0) jacobian(&g, eps, aligned, rows);
         for (int i = 0; i < D; i++) rows[i][last] = eps[i];
-        if (!whiten(covariance + D * D * n, last + 1, rows, &log_det)) return n + 1;
+        if (factor(covariance + D * D * n, lower, &log_det)) return n + 1;
+        forward(lower, last + 1, MOST, *rows);
         for (int i = 0; i < D; i++) sums[0] += rows[i][last] * rows[i][last];
         sums[1] += log_det;
         if (dimension >= 0) absorb(last + 1, triangle, rows);
@@ -155,10 +131,11 @@ int64_t absorb_whitened(int64_t count, int64_t size, const double *covariance,
                         const double *columns, double *triangle, double *log_det)
 {
     for (int64_t n = 0; n < count; n++) {
-        double rows[D][MOST], own;
+        double rows[D][MOST], lower[D][D], own;
         for (int i = 0; i < D; i++)
             memcpy(rows[i], columns + size * (D * n + i), (size_t)size * sizeof(double));
-        if (!whiten(covariance + D * D * n, size, rows, &own)) return n + 1;
+        if (factor(covariance + D * D * n, lower, &own)) return n + 1;
+        forward(lower, size, MOST, *rows);
         absorb(size, triangle, rows);
         *log_det += own;
     }

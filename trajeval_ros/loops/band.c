@@ -149,16 +149,26 @@ LOOPS_PART void substitute(const double *u, int64_t stride, double *b, int64_t m
     }
 }
 
+/* Add P A, or P' A, of A (m, width) to ``into``, P block-diagonal as a group's (2, k, k) on each
+ * axis. */
+LOOPS_PART void add_weighed(const double p[2][COMPONENTS][COMPONENTS], int transposed,
+                            const double *a, double *into, int64_t k, int64_t width)
+{
+    for (int64_t c = 0; c < k; c++)
+        for (int64_t d = 0; d < k; d++)
+            for (int64_t g = 0; g < 2; g++)
+                for (int64_t x = 0; x < AXES; x++) {
+                    const int64_t to = transposed ? d : c, from = transposed ? c : d;
+                    add(into + row_of(to, g, x) * width, p[g][c][d], a + row_of(from, g, x) * width,
+                        width);
+                }
+}
+
 /* F A of A (m, width); headings, rows 3 to 5, turn what the position goes. */
 LOOPS_PART void move(const Step *step, const double *a, double *into, int64_t k, int64_t width)
 {
     memset(into, 0, sizeof(double) * (size_t)(POSE * k * width));
-    for (int64_t c = 0; c < k; c++)
-        for (int64_t d = 0; d < k; d++)
-            for (int64_t g = 0; g < 2; g++)
-                for (int64_t x = 0; x < AXES; x++)
-                    add(into + row_of(c, g, x) * width, step->move[g][c][d],
-                        a + row_of(d, g, x) * width, width);
+    add_weighed(step->move, 0, a, into, k, width);
     for (int64_t x = 0; x < AXES; x++) {
         int64_t y = (x + 1) % AXES, z = (x + 2) % AXES;
         add(into + x * width, step->travel[z], a + (AXES + y) * width, width);
@@ -170,12 +180,7 @@ LOOPS_PART void move(const Step *step, const double *a, double *into, int64_t k,
 LOOPS_PART void add_moved_back(const Step *step, const double *a, double *into, int64_t k,
                                int64_t width)
 {
-    for (int64_t c = 0; c < k; c++)
-        for (int64_t d = 0; d < k; d++)
-            for (int64_t g = 0; g < 2; g++)
-                for (int64_t x = 0; x < AXES; x++)
-                    add(into + row_of(d, g, x) * width, step->move[g][c][d],
-                        a + row_of(c, g, x) * width, width);
+    add_weighed(step->move, 1, a, into, k, width);
     for (int64_t x = 0; x < AXES; x++) {
         int64_t y = (x + 1) % AXES, z = (x + 2) % AXES;
         add(into + (AXES + y) * width, step->travel[z], a + x * width, width);
@@ -183,17 +188,12 @@ LOOPS_PART void add_moved_back(const Step *step, const double *a, double *into, 
     }
 }
 
-/* P A of A (m, width), P block-diagonal as a group's (2, k, k) on each axis. */
+/* P A of A (m, width), P as of add_weighed. */
 LOOPS_PART void weigh(double p[2][COMPONENTS][COMPONENTS], const double *a, double *into, int64_t k,
                       int64_t width)
 {
     memset(into, 0, sizeof(double) * (size_t)(POSE * k * width));
-    for (int64_t c = 0; c < k; c++)
-        for (int64_t d = 0; d < k; d++)
-            for (int64_t g = 0; g < 2; g++)
-                for (int64_t x = 0; x < AXES; x++)
-                    add(into + row_of(c, g, x) * width, p[g][c][d], a + row_of(d, g, x) * width,
-                        width);
+    add_weighed(p, 0, a, into, k, width);
 }
 
 /* Add P, (2, k, k) on each axis, to rows (m, m) that are ``width`` apart. */

@@ -7,9 +7,7 @@
  *
  *     S = A P A^T + Sigma = L L^T,    m <- Sigma S^-1 (A m + e),    P <- (A P A^T) S^-1 Sigma.
  */
-#include "loops.h"
-
-#define D 6
+#include "cholesky.h"
 
 /* out = a b^T; all (D, D). */
 static void times_transposed(const double a[D][D], const double b[D][D], double out[D][D]) {
@@ -30,31 +28,6 @@ static void times(const double a[D][D], const double b[D][D], double out[D][D]) 
     }
 }
 
-/* The lower factor of a symmetric matrix, in its place; 0 where it is not positive definite. */
-static int factor(double s[D][D]) {
-    for (int j = 0; j < D; j++) {
-        double pivot = s[j][j];
-        for (int k = 0; k < j; k++) pivot -= s[j][k] * s[j][k];
-        if (!(pivot > 0.0) || !isfinite(pivot)) return 0;
-        s[j][j] = sqrt(pivot);
-        for (int i = j + 1; i < D; i++) {
-            double sum = s[i][j];
-            for (int k = 0; k < j; k++) sum -= s[i][k] * s[j][k];
-            s[i][j] = sum / s[j][j];
-        }
-    }
-    return 1;
-}
-
-/* x <- L^-1 x, of the rows of x (D, D). */
-static void forward(const double lower[D][D], double x[D][D]) {
-    for (int i = 0; i < D; i++) {
-        for (int k = 0; k < i; k++)
-            for (int j = 0; j < D; j++) x[i][j] -= lower[i][k] * x[k][j];
-        for (int j = 0; j < D; j++) x[i][j] /= lower[i][i];
-    }
-}
-
 /* x <- L^-T x. */
 static void backward(const double lower[D][D], double x[D][D]) {
     for (int i = D - 1; i >= 0; i--) {
@@ -68,25 +41,22 @@ static void backward(const double lower[D][D], double x[D][D]) {
  * go on. Writes chi2 and log |S|; returns 0 where S has no factor. */
 static int step(const double *error, const double adjoint[D][D], const double noise[D][D],
                 double *mean, double spread[D][D], double *chi2, double *log_det) {
-    double half[D][D], ahead[D][D], lower[D][D], gain[D][D], moved[D], white[D];
+    double half[D][D], ahead[D][D], covariance[D][D], lower[D][D], gain[D][D], moved[D], white[D];
     times(adjoint, (const double(*)[D])spread, half);
     times_transposed((const double(*)[D])half, adjoint, ahead);
     for (int i = 0; i < D; i++)
-        for (int j = 0; j < D; j++) lower[i][j] = ahead[i][j] + noise[i][j], gain[i][j] = noise[i][j];
-    if (!factor(lower)) return 0;
+        for (int j = 0; j < D; j++)
+            covariance[i][j] = ahead[i][j] + noise[i][j], gain[i][j] = noise[i][j];
+    if (factor(*covariance, lower, log_det)) return 0;
     for (int i = 0; i < D; i++) {
         moved[i] = error[i];
         for (int k = 0; k < D; k++) moved[i] += adjoint[i][k] * mean[k];
-    }
-    *chi2 = *log_det = 0.0;
-    for (int i = 0; i < D; i++) {
         white[i] = moved[i];
-        for (int k = 0; k < i; k++) white[i] -= lower[i][k] * white[k];
-        white[i] /= lower[i][i];
-        *chi2 += white[i] * white[i];
-        *log_det += 2.0 * log(lower[i][i]);
     }
-    forward((const double(*)[D])lower, gain);
+    forward(lower, 1, 1, white);
+    *chi2 = 0.0;
+    for (int i = 0; i < D; i++) *chi2 += white[i] * white[i];
+    forward(lower, D, D, *gain);
     backward((const double(*)[D])lower, gain);
     times((const double(*)[D])ahead, (const double(*)[D])gain, half);
     for (int i = 0; i < D; i++) {

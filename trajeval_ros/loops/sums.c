@@ -4,53 +4,9 @@
  * Sums of residuals that are affine in a few unknowns: whitened (likelihood/band.py), and put into
  * a triangle (likelihood/information.py).
  */
-#include "loops.h"
+#include "cholesky.h"
 
-#include <float.h>
-
-enum { BLOCK = 6, SQUARE = BLOCK * BLOCK, WIDEST = 8 };
-
-/* The lower Cholesky factor of a (6, 6), in its lower triangle; not 0 where there is none. */
-LOOPS_PART int factored(const double *matrix, double *lower)
-{
-    for (int j = 0; j < BLOCK; j++) {
-        double pivot = matrix[BLOCK * j + j];
-        for (int k = 0; k < j; k++)
-            pivot -= lower[BLOCK * j + k] * lower[BLOCK * j + k];
-        /* Not of what is not a number or not finite either. */
-        if (!(pivot > 0.0 && pivot <= DBL_MAX))
-            return 1;
-        const double root = sqrt(pivot);
-        lower[BLOCK * j + j] = root;
-        for (int i = j + 1; i < BLOCK; i++) {
-            double sum = matrix[BLOCK * i + j];
-            for (int k = 0; k < j; k++)
-                sum -= lower[BLOCK * i + k] * lower[BLOCK * j + k];
-            lower[BLOCK * i + j] = sum / root;
-        }
-    }
-    return 0;
-}
-
-/* X becomes L^-1 X, of so many columns. */
-LOOPS_PART void forward(const double *lower, int columns, double *x)
-{
-    for (int i = 0; i < BLOCK; i++)
-        for (int c = 0; c < columns; c++) {
-            double sum = x[columns * i + c];
-            for (int k = 0; k < i; k++)
-                sum -= lower[BLOCK * i + k] * x[columns * k + c];
-            x[columns * i + c] = sum / lower[BLOCK * i + i];
-        }
-}
-
-LOOPS_PART double log_determinant(const double *lower)
-{
-    double sum = 0.0;
-    for (int i = 0; i < BLOCK; i++)
-        sum += log(lower[BLOCK * i + i]);
-    return 2.0 * sum;
-}
+enum { WIDEST = 8 };
 
 /* Residuals whose covariances (count, 6, 6) are independent of each other: columns (count, 6, wide)
  * become L^-1 of themselves, log_det (count,). 1 + the number of one that is not positive definite;
@@ -59,11 +15,10 @@ int64_t sums_whitened(int64_t count, int64_t wide, const double *covariance, dou
                        double *log_det)
 {
     for (int64_t i = 0; i < count; i++) {
-        double lower[SQUARE];
-        if (factored(covariance + SQUARE * i, lower))
+        double lower[D][D];
+        if (factor(covariance + D * D * i, lower, log_det + i))
             return 1 + i;
-        forward(lower, (int)wide, columns + BLOCK * wide * i);
-        log_det[i] = log_determinant(lower);
+        forward(lower, wide, wide, columns + D * wide * i);
     }
     return 0;
 }
