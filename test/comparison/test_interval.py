@@ -6,8 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from trajeval_ros.comparison import interval
 from trajeval_ros.comparison.interval import interval_of
-from trajeval_ros.comparison.ratio import Reason
+from trajeval_ros.comparison.ratio import BLOCKS, Reason
+from trajeval_ros.likelihood.tails import student_quantile
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +43,10 @@ def test_it_is_narrow_where_errors_are_new_and_does_not_know_the_unit() -> None:
     assert narrow.factors[1] < 1.03
     for unit in (1e-200, 1e200):
         assert interval_of(unit * errors).factors == pytest.approx(narrow.factors)
+
+
+def test_students_quantile_is_that_of_the_blocks() -> None:
+    assert pytest.approx(student_quantile(0.025, BLOCKS - 1), rel=1e-14) == interval._STUDENT
 
 
 def test_a_walk_has_none() -> None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,9 +82,12 @@ def clock_changes(stretches: Sequence[Stretch]) -> tuple[ClockChange, ...]:
     when = np.array([0.5 * (s.begin + s.end) for s in known])
     if len(known) < 3:
         return ()
-    scatter, rare = _scatter(offset, weight)
+    scatter, degrees = _scatter(offset, weight)
     weight = weight / scatter
-    places = _places(offset, weight, (when - when[0]) * 1e-9, rare)
+    few = 0.5 / (_RUNS * (len(known) - 1))
+    places = _places(
+        offset, weight, (when - when[0]) * 1e-9, lambda: student_quantile(few, degrees) ** 2
+    )
     if not places:
         return ()
     edges = [0, *places, len(known)]
@@ -107,21 +110,23 @@ def clock_changes(stretches: Sequence[Stretch]) -> tuple[ClockChange, ...]:
 
 
 def _scatter(offset: Array, weight: Array) -> tuple[float, float]:
-    """By how much stretches (n,) scatter more than they should, in variance; and a rare χ².
+    """By how much stretches (n,) scatter more than they should, in variance.
 
-    By the median of what is between neighbours, which a few changes do not change. That is known
-    as well as it is, so that the χ² of the best of n places is the square of Student's.
+    By the median of what is between neighbours, which a few changes do not change. And by how many
+    degrees of freedom that is known: the χ² of the best of n places is the square of Student's.
     """
     apart = np.diff(offset) ** 2 / (1.0 / weight[1:] + 1.0 / weight[:-1])
     told = _OF_NEIGHBOURS * len(apart)
     degrees = _KNOWN + told
     scatter = (_KNOWN + told * float(np.median(apart)) / _MEDIAN) / degrees
-    rare = student_quantile(0.5 / (_RUNS * len(apart)), degrees) ** 2
-    return max(scatter, 1.0), rare
+    return max(scatter, 1.0), degrees
 
 
-def _places(offset: Array, weight: Array, when: Array, rare: float) -> list[int]:
-    """The numbers of the stretches before which the offset (n,) changes; when: s, increasing."""
+def _places(offset: Array, weight: Array, when: Array, rare: Callable[[], float]) -> list[int]:
+    """The numbers of the stretches before which the offset (n,) changes; when: s, increasing.
+
+    rare: gives the χ² that chance hardly ever does; asked last, for it takes SciPy to be loaded.
+    """
     if len(offset) < 3:
         return []
     # Up to each: sums of weights and of weighted offsets, which give the gain of every place.
@@ -132,7 +137,7 @@ def _places(offset: Array, weight: Array, when: Array, rare: float) -> list[int]
     gain = step**2 * mass * rest / total
     k = int(np.argmax(gain))
     other = _smoothly(offset - mean, weight, when)
-    if gain[k] < max(rare, other + _OVER_RATE) or abs(step[k]) < _SHORTEST:
+    if abs(step[k]) < _SHORTEST or gain[k] < other + _OVER_RATE or gain[k] < rare():
         return []
     left = _places(offset[: k + 1], weight[: k + 1], when[: k + 1], rare)
     right = _places(offset[k + 1 :], weight[k + 1 :], when[k + 1 :], rare)

@@ -17,7 +17,7 @@ from trajeval_ros.conventional.distributions import Distribution
 from trajeval_ros.ground_truth.fit import Fit
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
 from trajeval_ros.likelihood.absolute import Absolute, absolute
-from trajeval_ros.likelihood.figures import figures
+from trajeval_ros.likelihood.figures import figures, p_value_of
 from trajeval_ros.likelihood.first_order import absolute_first_order
 from trajeval_ros.likelihood.gaussian import CovarianceError, GaussianLogLikelihood
 from trajeval_ros.likelihood.joint import FactorRows
@@ -174,11 +174,11 @@ def window_figures(window: Window, gauge: Gauge) -> Figures:
         "duration": float((poses.stamps[-1] - poses.stamps[0]) * 1e-9),
         "relative": {
             **likelihood_figures(step, count),
-            "p_value": figures(step, count).p_value,
+            "p_value": p_value_of(step),
         },
         "absolute": {
             **likelihood_figures(best.likelihood, count),
-            "p_value": figures(best.likelihood, count).p_value if best.likelihood else None,
+            "p_value": p_value_of(best.likelihood),
             "log_likelihood_first_order": absolute_first_order(*data).log_likelihood,
             "log_likelihood_nonlinear": _value(best.likelihood),
             **_noise_equivalent(poses, gauge, best),

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from trajeval_ros.alignment.gauge import Gauge
-from trajeval_ros.likelihood.figures import figures
-from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
+from trajeval_ros.likelihood.figures import p_value_of
 from trajeval_ros.likelihood.running_positions import PositionError, position_error
 from trajeval_ros.online.positions import world_covariance
 from trajeval_ros.online.summary import alignment_figures, likelihood_figures
@@ -89,7 +88,7 @@ def window_on_positions(summary: Mapping[str, Any], window: Window, gauge: Gauge
         ("relative", _relative(of_window, count), of_window.relative),
         ("absolute", _absolute(of_window, count), of_window.absolute),
     ):
-        result[part] = {**result[part], **told, "p_value": _p_value(likelihood, count)}
+        result[part] = {**result[part], **told, "p_value": p_value_of(likelihood)}
     return result
 
 
@@ -124,12 +123,6 @@ def _absolute(found: PositionError, poses: int) -> Figures:
         "log_likelihood_nonlinear": told["log_likelihood"],
         "log_likelihood_first_order": None if first_order is None else first_order.log_likelihood,
     }
-
-
-def _p_value(likelihood: GaussianLogLikelihood | None, poses: int) -> float | None:
-    if likelihood is None or likelihood.dof <= 0:
-        return None
-    return figures(likelihood, poses).p_value
 
 
 def _emptied(figures: Mapping[str, Any]) -> Figures:
