@@ -109,8 +109,8 @@ def test_digits_depend_on_no_batch(interval):
     rng = np.random.default_rng(3)
     kernel, observed = a_kernel(rng, 2, KERNELS), some_samples(rng, 100, 2, 3, interval)
     (whole, _), (grown, _) = both(kernel, observed), both(kernel, observed, range(100))
-    np.testing.assert_array_equal(whole.pivots, grown.pivots)
-    np.testing.assert_array_equal(whole.white, grown.white)
+    np.testing.assert_array_equal(whole.pivots[:, :100], grown.pivots[:, :100])
+    np.testing.assert_array_equal(whole.white[:, :100], grown.white[:, :100])
     times, counts = rng.uniform(0.0, observed.times[-1], 9), rng.integers(1, 101, 9)
     together = whole.products(times, counts, 2)
     for i in range(9):

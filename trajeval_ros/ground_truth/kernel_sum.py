@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -37,18 +37,33 @@ class KernelSum:
         """``variances`` σ² and ``lengths`` l of each of m kernels; (m, G, S) both."""
         self._kernels = kernels
         self._variances, self._lengths = variances, lengths
-        # Groups with the same lengths have the same correlations.
-        places: dict[bytes, int] = {}
-        which = [places.setdefault(lengths[:, g].tobytes(), g) for g in range(lengths.shape[1])]
-        self._distinct = sorted(places.values())
-        self._which: list[int] | slice = [self._distinct.index(g) for g in which]
-        if len(self._distinct) == len(which):
-            self._which = slice(None)
         curvatures = np.array([kernel.curvature for kernel in kernels])[:, None, None]
         self.variances: Array = np.stack(
             [variances.sum(axis=0), (variances * curvatures / lengths**2).sum(axis=0)]
         )
         """``k(0)`` and ``-k''(0)``, the motion's alone; (2, G, S)."""
+
+    # What the loops in C need not is made when it is first asked for.
+    @cached_property
+    def _places(self) -> tuple[list[int], list[int] | slice]:
+        """The groups that differ in their lengths, and the place in these of each group's equal.
+
+        Groups with the same lengths have the same correlations.
+        """
+        lengths, places = self._lengths, dict[bytes, int]()
+        which = [places.setdefault(lengths[:, g].tobytes(), g) for g in range(lengths.shape[1])]
+        distinct = sorted(places.values())
+        if len(distinct) == len(which):
+            return distinct, slice(None)
+        return distinct, [distinct.index(g) for g in which]
+
+    @property
+    def _distinct(self) -> list[int]:
+        return self._places[0]
+
+    @property
+    def _which(self) -> list[int] | slice:
+        return self._places[1]
 
     @staticmethod
     def of(kernels: tuple[Kernel, ...], groups: tuple[GroupHyperparameters, ...]) -> KernelSum:
@@ -112,14 +127,21 @@ class MarkovSum(KernelSum):
         of.sort(key=lambda kernel: -len(kernel.coefficients))
         order = [kernels.index(kernel) for kernel in of]
         super().__init__(tuple(of), variances[order], lengths[order])
-        table = _table(tuple(type(kernel) for kernel in of))
-        self._table = table
-        self.rank = len(table.kernel)
+        self._table = _table(tuple(type(kernel) for kernel in of))
+        self.rank = len(self._table.kernel)
         """Number of rows of Φ."""
-        self._rates = np.array([kernel.rate for kernel in of])[:, None, None] / lengths[order]
-        scales = np.stack([self._variances, self._variances * self._rates])[:, table.kernel]
-        self._scales = np.moveaxis(scales, 1, -1)[..., None, :]  # (2, G, S, 1, r)
-        self._rate = np.moveaxis(self._rates[table.kernel], 0, -1)[..., None, :]
+        self._rates = np.array([kernel.rate for kernel in of])[:, None, None] / self._lengths
+
+    @cached_property
+    def _scales(self) -> Array:
+        """Of what is asked for, of each power; (2, G, S, 1, r)."""
+        scales = np.stack([self._variances, self._variances * self._rates])[:, self._table.kernel]
+        return np.moveaxis(scales, 1, -1)[..., None, :]
+
+    @cached_property
+    def _rate(self) -> Array:
+        """The kernel's, of each power; (G, S, 1, r)."""
+        return np.moveaxis(self._rates[self._table.kernel], 0, -1)[..., None, :]
 
     def __call__(self, apart: Array) -> Array:
         """``k`` of times ``apart`` (S, n) seconds, not negative; (G, S, n)."""

@@ -23,7 +23,7 @@ future but that of one power.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -31,10 +31,13 @@ import numpy.typing as npt
 from trajeval_ros import loops
 from trajeval_ros.ground_truth.factors import Counts, Factor, Observed, rounded_up
 from trajeval_ros.ground_truth.kernel_sum import MarkovSum
+from trajeval_ros.ground_truth.kernels import Matern
 
 Array = npt.NDArray[np.float64]
 
-# N and M are kept after every so many samples, in rows of a multiple of so many numbers.
+# Room is made for so many samples at once; N and M are kept after every so many, in rows of a
+# multiple of so many numbers.
+_BLOCK = 32
 _SPAN = 8
 _LANES = 4
 
@@ -43,19 +46,23 @@ _LANES = 4
 def _numbers(kernel: MarkovSum) -> tuple[loops.Argument, ...]:
     """A sum of kernels as C takes it.
 
-    How many powers each kernel has, (m,); ``past(0)`` of all, (r,); m; rates, those of the kernels
-    that are motion, and variances, (G, 3, m).
+    What `_powers` has; m; rates, those of the kernels that are motion, and variances, (G, 3, m).
     """
-    kernels, rates = kernel.kernels, kernel.rates
-    coefficients = [each.coefficients for each in kernels]
+    sizes, past, moves = _powers(tuple(type(each) for each in kernel.kernels))
+    constants = np.empty((len(kernel.rates), 3, len(sizes)))
+    constants[:, 0] = kernel.rates
+    constants[:, 1] = kernel.rates * moves
+    constants[:, 2] = kernel.component_variances
+    return sizes, past, len(sizes), constants
+
+
+@cache
+def _powers(kinds: tuple[type[Matern], ...]) -> tuple[npt.NDArray[np.int64], Array, Array]:
+    """How many powers each has, ``past(0)`` of all (r,), and whether it is motion; (m,)."""
+    coefficients = [kind.coefficients for kind in kinds]
     past = [math.factorial(j) * c for each in coefficients for j, c in enumerate(each)]
-    moves = [each.curvature > 0.0 for each in kernels]
-    return (
-        np.array([len(each) for each in coefficients], dtype=np.int64),
-        np.array(past),
-        len(kernels),
-        loops.doubles(np.stack([rates, rates * moves, kernel.component_variances], axis=1)),
-    )
+    moves = [kind().curvature > 0.0 for kind in kinds]
+    return np.array([len(each) for each in coefficients]), np.array(past), np.array(moves)
 
 
 class RecursiveFactor(Factor):
@@ -94,12 +101,19 @@ class RecursiveFactor(Factor):
         return news[..., 0], news[..., 1]
 
     def _reserve(self, more: int) -> None:
-        self._rows, self._spans = (
-            np.concatenate([known, np.zeros((len(known), size, *known.shape[2:]))], axis=1)
-            for known, size in ((self._rows, more), (self._spans, more // _SPAN))
-        )
+        """Rows are made room for when they are written: no more than there are samples."""
+
+    def _make_room(self, known: int) -> None:
+        """For all samples, to the next block; twice what there was where that is too little."""
+        before = self._rows.shape[1]
+        if self.count <= before:
+            return
+        room = max(-(-self.count // _BLOCK) * _BLOCK, 2 * before)
+        self._rows = _with_room(self._rows, known, room)
+        self._spans = _with_room(self._spans, known // _SPAN, room // _SPAN)
 
     def _add(self, samples: Observed, known: int) -> None:
+        self._make_room(known)
         state = self._state.copy()
         wrong = loops.call(
             "factor_add",
@@ -110,7 +124,7 @@ class RecursiveFactor(Factor):
             loops.doubles(samples.noise),
             known,
             self.count,
-            len(self.times),
+            self._rows.shape[1],
             self._rows,
             self._spans,
             state,
@@ -154,7 +168,7 @@ class RecursiveFactor(Factor):
             self.times,
             self._rows,
             self._spans,
-            len(self.times),
+            self._rows.shape[1],
         )
 
     def whitened(self, times: Array, counts: Counts) -> Array:
@@ -180,7 +194,7 @@ class RecursiveFactor(Factor):
             "factor_weights",
             *self._process,
             self._rows,
-            len(self.times),
+            self._rows.shape[1],
             np.ascontiguousarray(counts),
             right.shape[1],
             solution,
@@ -188,3 +202,10 @@ class RecursiveFactor(Factor):
             self._work,
         )
         return solution
+
+
+def _with_room(known: Array, count: int, room: int) -> Array:
+    """The first ``count`` of the second axis of ``known``, with room for more after them."""
+    found = np.empty((len(known), room, *known.shape[2:]))
+    found[:, :count] = known[:, :count]
+    return found

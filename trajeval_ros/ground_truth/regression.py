@@ -116,7 +116,8 @@ class Regression:
         """
         white = self._factor.whitened(times[known:], counts)
         rows = white.shape[2]
-        ones = self._factor.white[:, :rows, 0]
+        ones = np.zeros(white.shape[::2])
+        ones[:, : self.count] = self._factor.white[:, : min(rows, self.count), 0]
         drawn = (1.0 - np.einsum("gqi,gi->gq", white, ones)) / self._factor.sums[:, counts - 1, 0]
         right = white + drawn[..., None] * ones[:, None]
         right *= np.arange(rows) < counts[:, None]
