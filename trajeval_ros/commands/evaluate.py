@@ -8,14 +8,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from trajeval_ros.commands import completion, console, evo_options
-from trajeval_ros.commands.requirements import Requirement, check, judge
 
 if TYPE_CHECKING:
+    from trajeval_ros.commands.baseline import Baseline
     from trajeval_ros.commands.exports import Exports
+    from trajeval_ros.commands.requirements import Requirement
     from trajeval_ros.commands.scoring import Outcome
 
 DESCRIPTION = """\
@@ -97,7 +98,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--require",
         metavar="CONDITION",
-        type=Requirement.of,
+        type=_requirement,
         action="append",
         default=[],
         help="what a figure of summary.json must be, such as"
@@ -116,6 +117,13 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         help="print the summary alone on stdout, as in summary.json; all else goes to stderr",
     )
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def _requirement(text: str) -> Requirement:
+    """What ``--require`` asks for."""
+    from trajeval_ros.commands.requirements import Requirement
+
+    return Requirement.of(text)
 
 
 def _applicable(text: str) -> tuple[str, ...]:
@@ -163,14 +171,21 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
 def _outcome(arguments: argparse.Namespace) -> Outcome:
     """Read, feed the engine, write, print."""
-    from trajeval_ros.commands import baseline, inputs, settings
+    from trajeval_ros.commands import inputs, settings
 
     arguments = inputs.recognised(arguments)
     names = inputs.names_of(arguments.estimate)
-    check(arguments.require, names)
+    if arguments.require:
+        from trajeval_ros.commands.requirements import check
+
+        check(arguments.require, names)
     parameters = settings.read(arguments.params, arguments.assignments, names)
     # Before this run's files take their place.
-    earlier = baseline.read(arguments.baseline, names) if arguments.baseline else {}
+    earlier: Mapping[str, Baseline] = {}
+    if arguments.baseline:
+        from trajeval_ros.commands import baseline
+
+        earlier = baseline.read(arguments.baseline, names)
     if arguments.align_origin and parameters["gauge"] not in ("se3", "none"):
         gauge = parameters["gauge"]
         raise console.UsageError(f"--align-origin aligns by itself: it excludes gauge={gauge}")
@@ -209,6 +224,10 @@ def _exports(arguments: argparse.Namespace) -> Exports | None:
 
 def _requirements_hold(requirements: Sequence[Requirement], outcome: Outcome) -> bool:
     """Say of each requirement whether it holds; return whether all do."""
+    if not requirements:
+        return True
+    from trajeval_ros.commands.requirements import judge
+
     verdicts = judge(requirements, outcome.summary, tuple(outcome.found))
     for number, verdict in enumerate(v for v in verdicts if v.holds):
         print(("" if number else "\n") + f"Required      {verdict.line}")

@@ -10,16 +10,18 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from trajeval_ros.commands.console import Answered, CommandError, Progress, UsageError
 from trajeval_ros.commands.figures import table
 from trajeval_ros.files import sources
 from trajeval_ros.files.content import STANDARD_INPUT
-from trajeval_ros.files.recognise import Recognised, recognise
-from trajeval_ros.files.span import Instant, OrderError, SpanError, cut_all, span_of, words
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 from trajeval_ros.wall import shield
+
+if TYPE_CHECKING:
+    from trajeval_ros.files.recognise import Recognised
+    from trajeval_ros.files.span import Instant
 
 FORMATS = ("tum", "euroc", "kitti", "bag")
 AUTO = "auto"
@@ -138,6 +140,8 @@ def _add_span(parser: argparse.ArgumentParser) -> None:
 
 
 def _instant(text: str) -> Instant:
+    from trajeval_ros.files.span import Instant, SpanError
+
     try:
         return Instant.of(text)
     except SpanError as error:
@@ -156,6 +160,10 @@ def cut(arguments: argparse.Namespace, data: Inputs, time_offsets: Sequence[floa
     UsageError
         Where the end comes before the start.
     """
+    if arguments.start is arguments.end is None:
+        return data
+    from trajeval_ros.files.span import OrderError, SpanError, cut_all, span_of, words
+
     try:
         span = span_of(arguments.start, arguments.end, data.ground_truth)
         if span is None:
@@ -216,6 +224,8 @@ def recognised(arguments: argparse.Namespace) -> argparse.Namespace:
         return _with_topics(arguments, arguments.topics)
     if arguments.format != AUTO:
         return arguments
+    from trajeval_ros.files.recognise import recognise
+
     files: list[str] = arguments.files
     unnamed = [file for file in files if sources.split(file)[0] is None]
     if unnamed[:1] == [STANDARD_INPUT]:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,8 +13,10 @@ from trajeval_ros import se3
 from trajeval_ros.error_model.changes import joined
 from trajeval_ros.error_model.model import ErrorModel, Figure
 from trajeval_ros.error_model.nuisances import NAMES
-from trajeval_ros.error_model.positions import PositionErrorModel
 from trajeval_ros.error_model.process import GROUPS, Kind
+
+if TYPE_CHECKING:
+    from trajeval_ros.error_model.positions import PositionErrorModel
 
 Figures = dict[str, object]
 

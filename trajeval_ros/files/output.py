@@ -16,7 +16,6 @@ import contextlib
 import errno
 import json
 import os
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -171,6 +170,8 @@ class OutputFolder:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        import tempfile
+
         self.path = Path(path).expanduser().absolute()
         # Rows that the stream has not got: those that wait, the number of those lost, and why.
         self._waiting = b""
@@ -190,6 +191,8 @@ class OutputFolder:
         self._keep_room()
 
     def _open(self) -> IO[bytes]:
+        import tempfile
+
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             # Unbuffered: what a full disk does not take is known at once, and given up at once.

@@ -11,8 +11,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -31,6 +29,8 @@ def remove_leftovers(folder: Path, *patterns: str) -> None:
             with contextlib.suppress(OSError), _opened(path) as descriptor:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if path.is_dir():
+                    import shutil
+
                     shutil.rmtree(path, ignore_errors=True)
                 else:
                     path.unlink()
@@ -56,6 +56,8 @@ def workshop(path: Path) -> Iterator[Path]:
 
     The folder of ``path`` is made, and what killed processes left of files of its kind is removed.
     """
+    import tempfile
+
     path.parent.mkdir(parents=True, exist_ok=True)
     kind = f".*{path.suffix}" if path.suffix else f".{path.name}"
     remove_leftovers(path.parent, f"{kind}.*.partial")

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from statistics import median
 
 import numpy as np
 
@@ -100,7 +99,7 @@ class Fits:
             if not self._anew or stamp - self._anew[-1] > _SECOND:
                 self._anew.append(stamp)
         self._noise = _noise(epoch.process)
-        translation, rotation = (median(each) for each in zip(*self._recent, strict=True))
+        translation, rotation = np.median(self._recent, axis=0).tolist()
         self.fit = Fit(
             (translation, rotation),
             self._noise,

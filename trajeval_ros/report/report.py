@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import html
-import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -161,6 +159,9 @@ def render_several(
 
 def _plain_page(summary: Mapping[str, Any], defects: Sequence[str]) -> str:
     """The figures and why there is no more, so that no page of an earlier run stays."""
+    import html
+    import json
+
     said = "".join(f"<p>{html.escape(line)}</p>" for line in defects)
     figures = html.escape(json.dumps(summary, indent=2, default=str))
     return (

@@ -36,9 +36,7 @@ from trajeval_ros.runs.far_offset import far_offset
 from trajeval_ros.runs.fixes import notices_of_fixes, put_fixes_into
 from trajeval_ros.runs.headline import with_headline
 from trajeval_ros.runs.kept import WholeRun
-from trajeval_ros.runs.latest_path import on_positions, scored
 from trajeval_ros.runs.origin import origin
-from trajeval_ros.runs.position_models import error_models_on_positions
 from trajeval_ros.runs.position_only import causes_on_positions, note_orientations
 from trajeval_ros.wall import shield
 
@@ -229,6 +227,8 @@ def completed(
         of_positions: dict[str, Figures] = {}
         if summary["absolute"].get("log_likelihood") is not None:
             # Where the motion shows the alignment.
+            from trajeval_ros.runs.position_models import error_models_on_positions
+
             of_positions = shield(
                 "the error model",
                 lambda: error_models_on_positions(engine, name, kept.evaluations, whole=whole),
@@ -257,6 +257,8 @@ def completed(
         put_into(summary, models)
         report.model = models.get("run")
     if some and estimate.latest_path is not None:
+        from trajeval_ros.runs.latest_path import on_positions, scored
+
         own, settings, latest = (
             engine.settings.estimates[name],
             engine.settings.evaluation,

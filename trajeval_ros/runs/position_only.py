@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from trajeval_ros import se3
-from trajeval_ros.comparison.compare import Comparison
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.fitted import clock_causes, lever_arm_causes, told_lever_arm
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.engine import Engine
+
+if TYPE_CHECKING:
+    from trajeval_ros.comparison.compare import Comparison
 
 
 def note_orientations(
