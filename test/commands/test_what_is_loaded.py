@@ -45,6 +45,37 @@ def plain(run: tuple[Path, Path]) -> set[str]:
     return loaded_by("tum", *run)
 
 
+def test_an_evaluation_takes_nothing_that_others_need(plain: set[str]) -> None:
+    others = {
+        "concurrent.futures",
+        "email",
+        "html",
+        "importlib.metadata",
+        "logging",
+        "matplotlib",
+        "rich",
+        "rosbags",
+        "statistics",
+        "subprocess",
+        "tempfile",
+        "unittest",
+        "yaml",
+        "trajeval_ros.commands.baseline",
+        "trajeval_ros.commands.exports",
+        "trajeval_ros.commands.requirements",
+        "trajeval_ros.comparison.compare",
+        "trajeval_ros.error_model.positions",
+        "trajeval_ros.files.bag",
+        "trajeval_ros.files.recognise",
+        "trajeval_ros.files.span",
+        "trajeval_ros.report.page",
+        "trajeval_ros.runs.latest_path",
+        "trajeval_ros.runs.several",
+    }
+    assert "trajeval_ros.runs.offline" in plain
+    assert others & plain == set()
+
+
 @pytest.mark.skipif(not loops.there(), reason="without the loops in C, SciPy's LAPACK is needed")
 def test_an_evaluation_takes_nothing_of_scipy(plain: set[str]) -> None:
-    assert not {name for name in plain if name.startswith("scipy")}
+    assert {name for name in plain if name.startswith("scipy")} == set()

@@ -116,6 +116,19 @@ def test_digits_are_scaled_as_decimal_arithmetic_does(words, exponent):
             assert number == whole
 
 
+@given(st.lists(_NUMBERS, min_size=1, max_size=8), st.sampled_from([" ", "\t", " \t "]))
+def test_digits_of_lines_are_those_of_their_first_words(words, blank):
+    lines = [f"{word}{blank}1.5 2" for word in words]
+    for of_lines, of_words in zip(as_digits(lines), as_digits(words), strict=True):
+        assert of_lines.tolist() == of_words.tolist()
+
+
+@pytest.mark.parametrize("word", ["1\x002", "1\x0b2", "1\x1f", "1.2.3", "12,3"])
+def test_what_is_no_number_has_no_digits(word):
+    # NumPy's strings end with their last letter that is not zero.
+    assert not as_digits([word + "5"])[2][0]
+
+
 def fits(figures):
     """Whether 64 bits hold them, of which nobody writes more than nineteen."""
     return len(figures) <= 19 and int(figures) < 2**63

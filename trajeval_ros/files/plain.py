@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import decimal
 import os
-import re
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import overload
@@ -29,20 +28,22 @@ Mask = npt.NDArray[np.bool_]
 _BLOCK, _HEAD = 1 << 18, 1 << 16
 # So many digits are always held by 64 bits; one more are told by their sign.
 _DIGITS = 18
-_NOT_PLAIN = re.compile(rb"[^\t\n\r -~]|\r(?!\n)")
+_PLAIN = b"\t\n\r" + bytes(range(ord(" "), ord("~") + 1))
 
 
 def as_digits(words: Sequence[str]) -> tuple[Integers, Integers, Mask]:
     """Words as ``digits * 10**-decimals``, and which are digits, maybe with a point; (N,) each.
 
-    All at once those that are as long and have the point at the same place.
+    Of lines it is their first words. All at once those that are as long and have the point at the
+    same place.
     """
     digits, decimals = np.zeros((2, len(words)), dtype=np.int64)
     known = np.zeros(len(words), dtype=np.bool_)
     width = _DIGITS + 3  # with one more, a point, and one to tell that there are more
     letters = np.array(words, dtype=f"S{width}").view(np.uint8).reshape(-1, width)
-    sizes, is_point = np.count_nonzero(letters, axis=1), letters == ord(".")
-    points = np.where(is_point.any(axis=1), is_point.argmax(axis=1), sizes)
+    blanks = _first((letters == ord(" ")) | (letters == ord("\t")))
+    sizes = np.minimum(blanks, np.count_nonzero(letters, axis=1))
+    points = np.minimum(_first(letters == ord(".")), sizes)
     for kind in np.unique(width * sizes + points).tolist():
         size, point = divmod(kind, width)
         count = size - (point < size)
@@ -56,6 +57,12 @@ def as_digits(words: Sequence[str]) -> tuple[Integers, Integers, Mask]:
         # Too large a one for 64 bits is negative.
         known[alike] = ((figures >= 0) & (figures <= 9)).all(axis=1) & (numbers >= 0)
     return digits, decimals, known
+
+
+def _first(found: Mask) -> Integers:
+    """In each row (N, M) the place of the first that is found; M where none is. (N,)."""
+    places = found.argmax(axis=1)
+    return np.asarray(np.where(found[np.arange(len(found)), places], places, found.shape[1]))
 
 
 def scaled(digits: Integers, decimals: Integers, exponent: int) -> tuple[Integers, Mask]:
@@ -190,10 +197,13 @@ def _texts(source: str) -> Iterator[bytes]:
 
 def _lines(text: bytes) -> list[str]:
     """Whole lines, without comments and the blanks at their ends. ValueError: not plain ones."""
-    if _NOT_PLAIN.search(text) or not text.endswith(b"\n"):
+    alone = b"\r" in text and text.count(b"\r") != text.count(b"\r\n")
+    if alone or text.translate(None, _PLAIN) or not text.endswith(b"\n"):
         raise ValueError("not plain")
     lines = text[:-1].decode("ascii").replace(",", " ").split("\n")
-    return [line.partition("#")[0].strip() for line in lines]
+    if b"#" in text:
+        lines = [line.partition("#")[0] for line in lines]
+    return [line.strip() for line in lines]
 
 
 def _read(lines: list[str], columns: int) -> tuple[Array, Integers, Integers]:
@@ -204,10 +214,10 @@ def _read(lines: list[str], columns: int) -> tuple[Array, Integers, Integers]:
     values = np.loadtxt(lines, comments=None, ndmin=2)
     if values.shape[1] != columns:
         raise ValueError("other columns")
-    words = [line.split(None, 1)[0] for line in lines]
-    digits, decimals, known = as_digits(words)
+    digits, decimals, known = as_digits(lines)
     for place in np.flatnonzero(~known).tolist():
-        sign, figures, exponent = decimal.Decimal(words[place]).as_tuple()
+        word = lines[place].split(None, 1)[0]
+        sign, figures, exponent = decimal.Decimal(word).as_tuple()
         if isinstance(exponent, int):
             number = int("".join(map(str, figures)))
             digits[place], decimals[place] = -number if sign else number, -exponent
