@@ -61,6 +61,11 @@ def read(text: str) -> float | str:
 @pytest.mark.parametrize("std", [0.001, None])
 def test_what_the_status_has_comes_back(kind: str, std: float | None) -> None:
     models = {"run": model(kind, std), "window": model("drift")}
+    models["run"] |= {
+        "stamp_std": figure(0.01),
+        "stamp_nats": 30.0,
+        "stamp_errors": {"translation": 0.02, "rotation": 0.03},
+    }
     entries = {key: read(value) for key, value in error_model_entries(models).items()}
     found = error_models_of(entries)
     assert found.keys() == models.keys()

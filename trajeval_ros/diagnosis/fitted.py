@@ -37,7 +37,8 @@ _FITTED = ("clock_offset", "clock_rate", "body_frame", "scale")
 # With these causes the poses are what they were read as, and a fit of them holds: it has a scale.
 _OF_POSES_AS_READ = {
     *_FITTED,
-    *("millimetres", "centimetres", "clock_change", "lost", "ground_truth_or_shared"),
+    *("millimetres", "centimetres", "clock_change", "stamp_jitter", "lost"),
+    "ground_truth_or_shared",
 }
 # Beyond what crystals differ by: 1e-4 is 6 ms a minute.
 _LEAST_RATE = 1e-4
@@ -56,6 +57,7 @@ def fitted_causes(
         *clock_causes(model, time_offset),
         *_rate(model),
         *_changes(model),
+        *_scattered_stamps(model),
         *_body_frame(model, extrinsic),
         *(_scale(model) if gauge not in ("none", "sim3") else ()),
     )
@@ -239,6 +241,24 @@ def _changes(model: Mapping[str, Any]) -> tuple[Cause, ...]:
             )
         )
     return tuple(found)
+
+
+def _scattered_stamps(model: Mapping[str, Any]) -> tuple[Cause, ...]:
+    """Stamps that are not those of the measurement."""
+    scatter = model.get("stamp_std")
+    if not scatter or model["stamp_nats"] < GAIN or scatter["value"] < _SHORTEST:
+        return ()
+    value, std = 1e3 * scatter["value"], 1e3 * scatter["std"]
+    digits = min(max(1 - math.floor(math.log10(std)), 0), 4)
+    return (
+        Cause(
+            "stamp_jitter",
+            f"the estimate's stamps scatter by {value:.{digits}f} ± {std:.{digits}f} ms: its"
+            " positions and orientations are off by the same times"
+            f" ({model['stamp_nats']:,.0f} nats)",
+            "stamp its poses with the time of the measurement, not of their arrival",
+        ),
+    )
 
 
 def _body_frame(model: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:

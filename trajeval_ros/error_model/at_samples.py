@@ -105,14 +105,15 @@ def _at_samples(between: _Between, samples: Stamps, ask: Ask) -> ErrorModel | No
 
 
 def _with_whole_jitter(model: ErrorModel, averaged: float) -> ErrorModel:
-    """With the jitter of poses; interpolated ones have ``averaged`` of its variance."""
+    """With the jitter of poses and stamps; interpolated ones have ``averaged`` of its variance."""
     name = "jitter_std"
     factor = float(np.sqrt(averaged))
     groups = {
         group: {**figures, name: figures[name].divided(factor)}
         for group, figures in model.groups.items()
     }
-    return replace(model, groups=groups)
+    stamps = model.stamps and model.stamps.larger(1.0 / factor)
+    return replace(model, groups=groups, stamps=stamps)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from trajeval_ros.error_model.nuisances import COUNT, PRIOR_STD, Nuisances
 from trajeval_ros.error_model.observed import shown, unobserved
 from trajeval_ros.error_model.process import GROUPS, Kind
 from trajeval_ros.error_model.search import Guess, by_group
+from trajeval_ros.error_model.stamping import Scatter
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -41,12 +42,17 @@ _NO_INFORMATION = 1e-30
 
 
 def described(
-    stamps: Stamps, nuisances: Nuisances, here: Likelihood, alternatives: dict[Kind, float]
+    stamps: Stamps,
+    nuisances: Nuisances,
+    here: Likelihood,
+    alternatives: dict[Kind, float],
+    scatter_of_stamps: Scatter | None = None,
 ) -> ErrorModel:
     """What is found.
 
     stamps: (N,) ns, the estimate's own. nuisances: at which the errors of ``here`` are, which has
-    what is left of a step. alternatives: nats a pose of each process.
+    what is left of a step. alternatives: nats a pose of each process. scatter_of_stamps: of the
+    estimate's, where they scatter.
     """
     blocks = _blocks(here.count)
     columns, white = here.whitened()
@@ -66,7 +72,7 @@ def described(
         ]
     )
     theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - COUNT)])
-    reached = here.at_theta - penalty(here)
+    nats = reached(here)
     return ErrorModel(
         here.kind,
         _groups(here, blocks),
@@ -74,8 +80,8 @@ def described(
         covariance,
         unobserved(covariance),
         here.count,
-        reached,
-        reached - 0.5 * float(theta @ np.linalg.inv(own) @ theta),
+        nats,
+        nats - 0.5 * float(theta @ np.linalg.inv(own) @ theta),
         float((white**2).mean()),
         whiteness,
         _jumps(stamps, here),
@@ -83,7 +89,13 @@ def described(
         clock_changes(stretches),
         tuple(stretches),
         clocks,
+        scatter_of_stamps,
     )
+
+
+def reached(here: Likelihood) -> float:
+    """The log-likelihood at the nuisances found, less what outliers cost."""
+    return here.at_theta - penalty(here)
 
 
 def _blocks(count: int) -> int:

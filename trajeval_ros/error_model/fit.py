@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.error_model.described import described
+from trajeval_ros.error_model.described import described, reached
 from trajeval_ros.error_model.likelihood import Data, Likelihood
-from trajeval_ros.error_model.maximum import climb, penalised, penalty
+from trajeval_ros.error_model.maximum import climb, penalised
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.nuisances import (
     COUNT,
@@ -33,6 +33,13 @@ from trajeval_ros.error_model.search import (
     part_of,
     search,
     stretches,
+)
+from trajeval_ros.error_model.stamping import (
+    Scatter,
+    described_scatter,
+    likeliest_scatter,
+    shared_scatter,
+    with_scatter,
 )
 from trajeval_ros.error_model.start import start
 
@@ -64,6 +71,8 @@ _FINE = 0.05
 # The maximum is found where another step gains less than this, nats, or after so many steps.
 _GAIN = 5e-3
 _STEPS = 25
+# Stamps that scatter have to gain so many nats, as a nuisance that is named.
+_GAIN_OF_SCATTER = 10.0
 
 
 def fit(stamps: Stamps, estimate: Array, ask: Ask, known: Truth | None = None) -> ErrorModel | None:
@@ -86,6 +95,53 @@ def _fit(problem: _Problem) -> ErrorModel | None:
         nuisances = Nuisances.none()
         if not problem.enough(nuisances):
             return None
+    found = _found(problem, nuisances)
+    if found is None:
+        return None
+    scatter: Scatter | None = None
+    variance = shared_scatter(found.here)
+    if variance is not None:
+        plain = found
+        scattered = _with_scatter(problem, found, variance)
+        if scattered is not None:
+            found, scatter = scattered
+        else:
+            problem.scatter, found = 0.0, plain
+    return described(
+        problem.kept(found.nuisances), found.nuisances, found.here, found.alternatives, scatter
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A maximum. alternatives: nats a pose of each process."""
+
+    nuisances: Nuisances
+    here: Likelihood
+    alternatives: dict[Kind, float]
+
+
+def _with_scatter(
+    problem: _Problem, plain: _Found, variance: float
+) -> tuple[_Found, Scatter] | None:
+    """The maximum where stamps scatter, from one where they do not; None where that gains little.
+
+    variance: s², of theirs, about.
+    """
+    problem.scatter = variance
+    found = _found(problem, plain.nuisances)
+    if found is None:
+        return None
+    low, high = (each.ravel() for each in bounds(found.here.kind, found.here.data))
+    here, value, std = likeliest_scatter(found.here, variance, low, high)
+    gained = reached(here) - reached(plain.here)
+    if gained < _GAIN_OF_SCATTER:
+        return None
+    return replace(found, here=here), described_scatter(here, value, std, gained)
+
+
+def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
+    """The maximum, from ``nuisances``; None where there is none."""
     nuisances, drift = problem.improved(nuisances, Kind.DRIFT, None, coarse=True)
     candidates = problem.candidates(nuisances, drift)
     best = max(candidates, key=lambda kind: candidates[kind].score)
@@ -98,7 +154,7 @@ def _fit(problem: _Problem) -> ErrorModel | None:
     # The others are behind by as much as they were where all three were found.
     ahead = _nats_per_pose(here) - candidates[best].nats_per_pose
     alternatives = {kind: each.nats_per_pose + ahead for kind, each in candidates.items()}
-    return described(problem.kept(nuisances), nuisances, here, alternatives)
+    return _Found(nuisances, here, alternatives)
 
 
 def _has_run_away(found: Likelihood) -> bool:
@@ -108,7 +164,7 @@ def _has_run_away(found: Likelihood) -> bool:
 
 
 def _nats_per_pose(found: Likelihood) -> float:
-    return (found.at_theta - penalty(found)) / found.count
+    return reached(found) / found.count
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +197,16 @@ class _Problem:
         self._latest: tuple[Stamps, Truth] | None = None
         self._ready: tuple[Nuisances, Truth, tuple[Data, Array]] | None = None
         self._stays_near = False
+        self._scatter = 0.0
+
+    @property
+    def scatter(self) -> float:
+        """Variance of the estimate's stamps, s²."""
+        return self._scatter
+
+    @scatter.setter
+    def scatter(self, variance: float) -> None:
+        self._scatter, self._ready = variance, None
 
     def stay_near(self) -> None:
         """Ask no more: live, nothing is known between poses that are far apart."""
@@ -280,7 +346,8 @@ class _Problem:
         kept = Truth(
             reference.poses[good], reference.covariances[good], reference.twists[good], good[good]
         )
-        return prepare(self._stamps[good], self._estimate[good], kept, nuisances)
+        data, gauge = prepare(self._stamps[good], self._estimate[good], kept, nuisances)
+        return (with_scatter(data, self._scatter) if self._scatter else data), gauge
 
 
 def _carried(weights: tuple[Array, Array], before: Mask, now: Mask) -> tuple[Array, Array]:

@@ -129,7 +129,7 @@ class Likelihood:
         self.at_theta = -0.5 * (self.chi2 + self._states_log_det + self.dof * _LOG_2PI + of_gauge)
 
     @cached_property
-    def _told(self) -> Told:
+    def told(self) -> Told:
         """What the data say of the disturbances."""
         root: Array = np.asarray(np.linalg.cholesky(self.theta_covariance), np.float64)
         return self._regressed.told(self.theta, root)
@@ -149,7 +149,7 @@ class Likelihood:
 
     def scores(self) -> Array:
         """What each pose, with the step that leads to it, adds to the gradient; (N, 2, p)."""
-        told, slopes, weight = self._told, self._slopes, self._system.precision
+        told, slopes, weight = self.told, self._slopes, self._system.precision
         found: Array = np.zeros((2, len(self.kind.names), self.count))
         found[:, 0] = self._system.jitter.T * (told.squares - told.weight + told.known)
         moments, mixed = told.moves + told.moved, told.mixed + told.earlier
@@ -174,7 +174,7 @@ class Likelihood:
 
     @cached_property
     def _average_information(self) -> Array:
-        found, ahead = self._regressed.average(self._told, self._slopes)
+        found, ahead = self._regressed.average(self.told, self._slopes)
         return np.asarray(0.5 * (found - ahead.T @ self.theta_covariance @ ahead))
 
     def disturbances(self) -> tuple[Array, Array, Array, Array]:
@@ -183,7 +183,7 @@ class Likelihood:
         For each, (N, 2) and (N - 1, 2), by group: the square of the generalised least squares
         estimate over the three axes, and its variance on one axis beside the disturbance's own.
         """
-        told = self._told
+        told = self.told
         row = self._system.precision[:, 0]
         felt, taken = (
             np.einsum("gcn,gcdn,gdn->gn", row, each, row) for each in (told.moves, told.moved)

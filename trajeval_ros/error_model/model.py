@@ -12,6 +12,7 @@ import numpy.typing as npt
 from trajeval_ros.error_model.changes import ClockChange, Stretch
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD, Nuisances
 from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.stamping import Scatter
 
 Array = npt.NDArray[np.float64]
 
@@ -75,6 +76,7 @@ class ErrorModel:
     alternatives: nats a pose of each process. clock_changes: other than at a steady rate;
     clock_stretches: what parts of the run say of the offset.
     clock_by_group: the clock offset by positions alone and by orientations alone.
+    stamps: by how much the estimate's own stamps scatter, where they do.
     """
 
     kind: Kind
@@ -92,6 +94,7 @@ class ErrorModel:
     clock_changes: tuple[ClockChange, ...] = ()
     clock_stretches: tuple[Stretch, ...] = ()
     clock_by_group: tuple[Figure, ...] = ()
+    stamps: Scatter | None = None
 
     @property
     def std(self) -> Array:

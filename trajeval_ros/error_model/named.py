@@ -14,6 +14,7 @@ from trajeval_ros.error_model.changes import joined
 from trajeval_ros.error_model.model import ErrorModel, Figure
 from trajeval_ros.error_model.nuisances import NAMES
 from trajeval_ros.error_model.process import GROUPS, Kind
+from trajeval_ros.error_model.stamping import Scatter
 
 if TYPE_CHECKING:
     from trajeval_ros.error_model.positions import PositionErrorModel
@@ -41,6 +42,7 @@ def named(model: ErrorModel) -> Figures:
             group: _figure(each) for group, each in zip(GROUPS, model.clock_by_group, strict=False)
         },
         "clock_rate": {"value": nuisances.clock_rate, "std": float(std[1])},
+        **_stamps(model.stamps),
         "extrinsic": {
             "translation": {"value": position.tolist(), "std": std[2:5].tolist()},
             "rotation": {"value": step[3:].tolist(), "std": std[5:8].tolist()},
@@ -68,6 +70,17 @@ def named(model: ErrorModel) -> Figures:
         ],
         "clock_changes": [asdict(each) for each in model.clock_changes],
         "clock_stretches": [asdict(each) for each in joined(model.clock_stretches, _STRETCHES)],
+    }
+
+
+def _stamps(scatter: Scatter | None) -> Figures:
+    """By how much the estimate's own scatter, where they do."""
+    if scatter is None:
+        return {}
+    return {
+        "stamp_std": {"value": scatter.value, "std": scatter.std},
+        "stamp_nats": scatter.nats,
+        "stamp_errors": {"translation": scatter.translation, "rotation": scatter.rotation},
     }
 
 

@@ -24,6 +24,7 @@ from trajeval_ros.error_model.model import ErrorModel, Figure
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.observed import unobserved
 from trajeval_ros.error_model.recorded import Recorded
+from trajeval_ros.error_model.stamping import Scatter
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -243,6 +244,7 @@ def combined(blocks: Sequence[_Block]) -> ErrorModel:
         },
         clock_changes(stretches),
         tuple(stretches),
+        stamps=Scatter.of([(model.stamps, model.poses) for model in models]),
     )
 
 

@@ -264,10 +264,25 @@ def _faults(model: Figures, without: Figures | None) -> str:
         if name not in doubtless and std <= _SEEN[seen]
     ]
     gain = model["nats_per_pose"] - model["nats_per_pose_uncorrected"]
+    stamps = _stamps(model)
     if not found:
-        return f"nothing beyond doubt ({', '.join(none)})" if none else "nothing that can be told"
+        nothing = (
+            f"nothing beyond doubt ({', '.join(none)})" if none else "nothing that can be told"
+        )
+        return f"{stamps}.\nElse {nothing}" if stamps else nothing
     rest = f".\nNothing beyond doubt in {', '.join(none)}" if none else ""
+    rest = f".\nBesides {stamps}{rest}" if stamps else rest
     return f"{', '.join(found)}: {_number(gain, None)} nats a pose{_better(without)}{rest}"
+
+
+def _stamps(model: Figures) -> str:
+    """By how much its stamps scatter, and what that alone moves its poses by."""
+    if "stamp_std" not in model:
+        return ""
+    moved = model["stamp_errors"]
+    scatter = _number(**model["stamp_std"], factor=1e3)
+    sizes = f"{_length(_plain(moved['translation']))}, {_angle(_plain(moved['rotation']))}"
+    return f"stamps that scatter by {scatter} ms, {sizes} of its error"
 
 
 def _on_positions(summary: Figures) -> list[tuple[str, str]]:

@@ -87,6 +87,8 @@ def error_models_of(entries: Mapping[str, float | str]) -> dict[str, dict[str, A
         if key.startswith("clock_offset_by_"):
             by = model.setdefault("clock_offset_by", {})
             _put(by, key.removeprefix("clock_offset_by_"), value)
+        elif key.startswith("stamp_errors_"):
+            model.setdefault("stamp_errors", {})[key.removeprefix("stamp_errors_")] = value
         elif not key.startswith(("translation_", "rotation_", "extrinsic_")):
             _put(model, key, value)
     return models
