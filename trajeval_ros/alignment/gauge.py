@@ -16,7 +16,7 @@ For se3, yaw_translation and none, the measure is the left-invariant one too. Fo
 and only a change of the ground truth's unit of length would show it.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +27,7 @@ from trajeval_ros.alignment import umeyama
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Similarity:
+class Similarity(NamedTuple):
     """A similarity from the estimate's world to the ground truth's: ``x -> scale R x + t``.
 
     pose: (R, t) as a matrix, (4, 4), t in the ground truth's metres. scale: positive.
@@ -55,8 +54,7 @@ def _about(centre: Array) -> Array:
     return pose
 
 
-@dataclass(frozen=True, slots=True)
-class Gauge:
+class Gauge(NamedTuple):
     """A subgroup of the similarities, spanned by some of (rho_xyz, phi_xyz, lambda).
 
     name: as the parameter ``gauge`` has it.

@@ -10,6 +10,7 @@ the conventional ATE's, does not. A scale is determined by spread alone.
 
 import enum
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -98,8 +99,7 @@ class Spread:
         return float(np.sqrt(max(values[-1], 0.0)))
 
 
-@dataclass(frozen=True, slots=True)
-class Observability:
+class Observability(NamedTuple):
     """What of a gauge is determined.
 
     status, motion: see there.

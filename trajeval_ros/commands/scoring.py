@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trajeval_ros import se3
 from trajeval_ros.commands import console, figures
@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from trajeval_ros.comparison.compare import Comparison
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What came of it: the ``summary`` as it is written, of one estimate or of several.
 
     ``found`` of each by its name; ``failures``: a line for each that could not be evaluated or
@@ -148,8 +147,7 @@ def _write(runs: Mapping[str, _Run], found: Mapping[str, Scored]) -> list[str]:
     return failures
 
 
-@dataclass(frozen=True)
-class _Together:
+class _Together(NamedTuple):
     """The summary of all, of one that is its own; what is said of several; what has failed."""
 
     summary: Mapping[str, Any]

@@ -9,6 +9,7 @@ averages the noise of two, and would make the estimate that is interpolated look
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -112,8 +113,7 @@ def _nearest(of: Stamps, among: Stamps) -> Indices:
     return np.where(later_is_nearer, after, before).astype(np.int64)
 
 
-@dataclasses.dataclass(frozen=True)
-class Coverage:
+class Coverage(NamedTuple):
     """What both cover, and what only one does."""
 
     common: Extent

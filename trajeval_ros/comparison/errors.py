@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,7 @@ _LONGEST_STEP = 1.5
 _PIECE = 1024
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Errors:
+class Errors(NamedTuple):
     """Conventional errors of one estimate, of (M,) poses and (K,) steps; None where unknown.
 
     m and rad, as ``conventional/running.py`` defines them, aligned over these poses.

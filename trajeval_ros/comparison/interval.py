@@ -12,7 +12,7 @@ another run. Where the errors drift through the whole run, there is none.
 
 from __future__ import annotations
 
-import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +27,7 @@ _LONGEST_MEMORY = 0.98
 _STUDENT = 2.2621571627982053
 
 
-@dataclasses.dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """95 % interval of an RMSE over the RMSE; without one, the reason."""
 
     factors: tuple[float, float] | None

@@ -4,6 +4,7 @@
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +15,7 @@ CAPACITY = 4096
 """Poses, and pairs, of which distributions are taken: 0.7 MB of memory."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Distribution:
+class Distribution(NamedTuple):
     """Statistics of an error, m or rad; evo's mean, median, std (over N), min and max."""
 
     mean: float
@@ -25,8 +25,7 @@ class Distribution:
     maximum: float
 
 
-@dataclasses.dataclass(frozen=True)
-class Distributions:
+class Distributions(NamedTuple):
     """The distribution of each error; None where the RMSE is None.
 
     Attributes:

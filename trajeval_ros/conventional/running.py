@@ -28,8 +28,8 @@ the estimate's metre is not known before the end. In the other gauges it is meas
 estimate, evo's default.
 """
 
-import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -59,8 +59,7 @@ ENOUGH_TO_ALIGN = 20
 """Poses before which nothing is said of an alignment that is not determined."""
 
 
-@dataclasses.dataclass(frozen=True)
-class ConventionalFigures:
+class ConventionalFigures(NamedTuple):
     """RMS errors over all poses and pairs so far; None where there is not enough data.
 
     Attributes:

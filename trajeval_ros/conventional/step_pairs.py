@@ -15,9 +15,8 @@ Evo has no step in seconds. No pair is dropped for being longer than asked for, 
 instance; `StepPairs.longest` tells.
 """
 
-import dataclasses
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,8 +28,7 @@ StepUnit = Literal["s", "m", "f"]
 STEP_UNITS: tuple[StepUnit, ...] = ("s", "m", "f")
 
 
-@dataclasses.dataclass(frozen=True)
-class _Start:
+class _Start(NamedTuple):
     """What is known of the pair under way: the pose it began at, and what came since.
 
     ``path``: m; with `f` the poses since.

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -140,8 +141,7 @@ def _path_and_noise(poses: Array, covariance: Array) -> tuple[float, float]:
     return float(path_along(poses)[-1]), noise
 
 
-@dataclasses.dataclass(frozen=True)
-class Drift:
+class Drift(NamedTuple):
     """Mean relative errors over sub-trajectories, each divided by its length.
 
     Attributes:
@@ -157,8 +157,7 @@ class Drift:
     rotation: float
 
 
-@dataclasses.dataclass(frozen=True)
-class KittiDrift:
+class KittiDrift(NamedTuple):
     """The benchmark's figures: over all sub-trajectories, and those of each length there is."""
 
     overall: Drift
@@ -206,8 +205,7 @@ def kitti_drift(ground_truth: Array, estimate: Array, scale: float = 1.0) -> Kit
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Box:
+class Box(NamedTuple):
     """The quantiles `BOX_QUANTILES` of the errors over sub-trajectories of one length.
 
     Attributes:

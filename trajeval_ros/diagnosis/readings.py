@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +38,7 @@ _UNCERTAIN, _BEYOND = 0.25, 3.0
 AXES = "xyz"
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
+class Figures(NamedTuple):
     """Two trajectories compared in the alignment of their positions.
 
     ``rmse`` (m) under the gauge, ``angle`` (rad), ``error`` (see `_WRONG`), and by how much the
@@ -72,8 +71,7 @@ class Figures:
         return self.known and _BETTER * self.error <= standing.error
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """A mistake in one trajectory: what it is, what to do, and how it is undone, (N, 4, 4)."""
 
     of_estimate: bool

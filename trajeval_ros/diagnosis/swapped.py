@@ -9,8 +9,8 @@ estimator begins. Which of the two is noisier tells nothing: GNSS is noisier tha
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import PurePath
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ _IDENTITY, _ELSEWHERE = 1e-6, 1e-2
 _MORE_OFTEN = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class Given:
+class Given(NamedTuple):
     """What was given in one place: its source, stamps (n,) ns, its first position and x y z w."""
 
     source: str

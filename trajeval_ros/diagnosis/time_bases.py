@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -141,8 +141,7 @@ def _alike(a: tuple[float, float], b: tuple[float, float]) -> bool:
     return _common(a, b) >= _COMMON and shorter >= _PART * longer
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
+class Found(NamedTuple):
     """An offset (s) to add to the estimate's stamps, how well, and to what (s) it is known."""
 
     offset: float

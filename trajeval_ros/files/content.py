@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The text of a file, or of standard input, whatever it is packed or encoded in."""
 
-import dataclasses
 import os
 import sys
 import zlib
+from typing import NamedTuple
 
 from trajeval_ros.files.trajectory import TrajectoryFileError
 
@@ -19,8 +19,7 @@ _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _IN_TEXT = frozenset("\t\n\v\f\r")
 
 
-@dataclasses.dataclass(frozen=True)
-class Content:
+class Content(NamedTuple):
     """A file's text.
 
     Attributes:

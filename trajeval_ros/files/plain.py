@@ -8,12 +8,11 @@ commas, where ``#`` begins a comment. All else is for `text` to judge, in whose 
 
 from __future__ import annotations
 
-import dataclasses
 import decimal
 import os
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import overload
+from typing import NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -125,8 +124,7 @@ class Written(Sequence[str]):
         return self._words[place]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Plain:
+class Plain(NamedTuple):
     """A plain table.
 
     Attributes:

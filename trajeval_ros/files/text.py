@@ -5,6 +5,7 @@
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -45,8 +46,7 @@ class Layout:
         return count in self.columns or count in self.also or 0 < self.at_least <= count
 
 
-@dataclasses.dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """The numbers of a text file.
 
     Attributes:

@@ -11,7 +11,8 @@ at the g* that minimises ``chi2 = eps^T V^-1 eps``, with J the residuals' deriva
 gauge's d freedoms (see `gauge` for the measure).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -45,8 +46,7 @@ __all__ = ["Absolute", "Ending", "RunningAbsolute", "absolute", "absolute_residu
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Absolute:
+class Absolute(NamedTuple):
     """The absolute error of a set of poses, under the alignment that makes it likeliest.
 
     likelihood: the integral over the gauge, by Laplace's approximation; None where it diverges, a

@@ -13,7 +13,7 @@ one more block, and LAPACK's banded routines take as many blocks at a time as th
 
 import copy
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -85,8 +85,7 @@ def solve_factor(factor: Array, rhs: Array) -> Array:
     return np.asarray(white)
 
 
-@dataclass(frozen=True, slots=True)
-class BandFactor:
+class BandFactor(NamedTuple):
     """The Cholesky factor L of the banded covariance V of a whole sequence, for many uses.
 
     band: in LAPACK's lower band storage.

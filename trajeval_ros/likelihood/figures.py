@@ -3,7 +3,7 @@
 """What a log-likelihood says, in figures a person can use (``docs/method.md``, section 5)."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from trajeval_ros.likelihood.gaussian import GaussianLogLikelihood
 from trajeval_ros.likelihood.tails import chi2_tails
@@ -12,8 +12,7 @@ from trajeval_ros.likelihood.tails import chi2_tails
 _UNDERFLOW = 750.0
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
+class Figures(NamedTuple):
     """A log-likelihood's figures; those without a meaning for it are None.
 
     chi2_per_dof: near 1 where the estimate cannot be told from the ground truth. None with no

@@ -14,7 +14,7 @@ With ``C = V + N(v)`` for the variances v = (s_t^2, s_r^2), and residuals ``J x 
     dl/dv_a = -1/2 (tr_a P - |u_a|^2)         with the rows and columns of group a alone
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +34,7 @@ _GAIN = 1e-4
 _LINEARIZATIONS = 3
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseEquivalent:
+class NoiseEquivalent(NamedTuple):
     """White noise of the estimate that explains its errors best.
 
     translation_std: m, of each axis of the body frame; 0 where the ground truth explains all.
@@ -48,8 +47,7 @@ class NoiseEquivalent:
     converged: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Evaluation:
+class _Evaluation(NamedTuple):
     """The log-likelihood l(v) but for a constant, its gradient (2,), and its curvature.
 
     expected: Fisher's information, (2, 2), ``1/2 tr(C^-1 N_a C^-1 N_b)``.

@@ -20,8 +20,7 @@ translation is projected out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -42,16 +41,14 @@ _MAX_ITERATIONS = 50
 _GAIN, _GAIN_SHARE = 1e-9, 1e-14
 
 
-@dataclass(frozen=True, slots=True)
-class PositionState:
+class PositionState(NamedTuple):
     """A place where the residuals are linear about: an alignment, and the lever arm, (3,)."""
 
     alignment: Similarity
     lever_arm: Array
 
 
-@dataclass(frozen=True, slots=True)
-class PositionProblem:
+class PositionProblem(NamedTuple):
     """Residuals as a function of the alignment and the lever arm.
 
     positions: (M, 3), about their ``origin`` in the world.

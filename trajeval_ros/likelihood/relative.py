@@ -11,7 +11,7 @@ The adjoint is that of the *inverse* step (the paper prints the step's own). ``e
 covariance ``Q V Q^T``, whose block bandwidth is one more than that of V.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -97,8 +97,7 @@ def step_covariance(adjoint: Array, blocks: Array) -> Array:
     return cross
 
 
-@dataclass(frozen=True, slots=True)
-class RelativeSteps:
+class RelativeSteps(NamedTuple):
     """The relative errors of n consecutive steps, and each step's log-likelihood given the past.
 
     error: e, (n, 6), body frame at the step's end, metres and radians.

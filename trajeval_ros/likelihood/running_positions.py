@@ -19,7 +19,8 @@ are independent of each other, and theirs is the likelihood of the displacements
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -60,8 +61,7 @@ _POLISHING = 3
 _GROWN = 1.05
 
 
-@dataclass(frozen=True, slots=True)
-class PositionError:
+class PositionError(NamedTuple):
     """The errors of a set of positions, under the alignment and lever arm that are likeliest.
 
     The covariance is the larger of that of the ground truth's noise alone and that which the
@@ -112,8 +112,7 @@ class PositionError:
         return np.asarray(positions - aligned[:, :3, 3] - arm)
 
 
-@dataclass(frozen=True, slots=True)
-class _Sums:
+class _Sums(NamedTuple):
     """What is kept of all poses. Sums of squares are held by their triangular factors.
 
     absolute: of ``L^-1 [F | p]``, the unknowns being -Z row by row. relative: the same of the
@@ -344,8 +343,7 @@ def position_error(
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Problem:
+class _Problem(NamedTuple):
     """All poses in a few rows; the state's worlds have their origins at those of the poses."""
 
     sums: _Sums

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -86,8 +86,7 @@ class Odometer:
         return Way(stamps, lengths, positions)
 
 
-@dataclass(frozen=True, slots=True)
-class Way:
+class Way(NamedTuple):
     """``stamps`` (N,) ns, with the ``lengths`` (N,) m up to them and the ``positions`` (N, 3)."""
 
     stamps: Stamps

@@ -12,7 +12,7 @@ stamp that leaps ahead is held back until the next pose tells whether time reall
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,8 +43,7 @@ _NORM_TOLERANCE = 1e-2
 _ZERO_NORM = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Accepted:
+class Accepted(NamedTuple):
     """Checked poses: ``stamps`` (n,) increasing, ``poses`` (n, 4, 4).
 
     ``covariances`` (n, 6, 6) of the right perturbation, body frame, or None.
@@ -55,8 +54,7 @@ class Accepted:
     covariances: Array | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Arrived:
+class _Arrived(NamedTuple):
     """Poses with their ``places`` (n,) in the order in which the topic's came."""
 
     samples: PoseSamples

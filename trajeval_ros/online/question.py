@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,7 @@ Stamps = npt.NDArray[np.int64]
 Ask = Callable[[Stamps, Stamps], Posterior]
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
+class Question(NamedTuple):
     """The ground truth at ``stamps`` (n,), ns, by the samples up to ``until`` (n,); ``joint``ly."""
 
     stamps: Stamps

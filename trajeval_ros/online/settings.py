@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +31,7 @@ PATIENCE = 30_000_000_000
 """How long after an estimate (ns) the sample behind a gap may be stamped, for it to wait for it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
+class Timing(NamedTuple):
     """When an estimate can be answered; all in ns: parameters of the same names, and ``lag``."""
 
     lag: int
@@ -45,8 +44,7 @@ class Timing:
         return max(PATIENCE, self.max_gap + self.lag)
 
 
-@dataclass(frozen=True, slots=True)
-class EstimateSettings:
+class EstimateSettings(NamedTuple):
     """What is an estimate's own.
 
     ``time_offset`` (ns) is added to its stamps; ``extrinsic``: its body frame in the ground truth's
@@ -65,8 +63,7 @@ class EstimateSettings:
         return se3.inverse(se3.from_position_quaternion(given[:3], given[3:]))
 
 
-@dataclass(frozen=True, slots=True)
-class EvaluationSettings:
+class EvaluationSettings(NamedTuple):
     """What the figures are of: ``window`` (ns), ``relative_delta`` (by its unit)."""
 
     gauge: Gauge
@@ -76,8 +73,7 @@ class EvaluationSettings:
     relative_unit: StepUnit
 
 
-@dataclass(frozen=True, slots=True)
-class GroundTruthSettings:
+class GroundTruthSettings(NamedTuple):
     """``process``: the model's; ``learned``: whether its hyperparameters are found in the data.
 
     ``regularize_stamps``: late stamps of a regular clock are replaced by the clock's.
@@ -90,8 +86,7 @@ class GroundTruthSettings:
     regularize_stamps: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
+class Settings(NamedTuple):
     """All that the engine is told; ``estimates`` by their names, in their order."""
 
     ground_truth: GroundTruthSettings

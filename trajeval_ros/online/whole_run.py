@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,8 +32,7 @@ Figures = dict[str, Any]
 _QUANTILES = ("min", "p5", "q1", "median", "q3", "p95", "max")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(NamedTuple):
     """Every evaluated pose of a run: what its `Evaluations` held.
 
     Attributes:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -74,8 +75,7 @@ def joint_covariance(covariance: Array, cross: tuple[Array, ...] | None) -> Arra
     return JointFactor().update(covariance, inside)
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(NamedTuple):
     """Consecutive poses and the M - 1 steps between them, as in `trajeval_ros.likelihood.relative`.
 
     ``error`` (M - 1, 6) and ``adjoint`` (M - 1, 6, 6).
