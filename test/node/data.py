@@ -40,7 +40,10 @@ def samples(t: Array, poses: Array, start: int = START) -> PoseSamples:
 
 
 def run(
-    duration: float = 10.0, ground_truth_rate: float = 100.0, estimate_rate: float = 20.0
+    duration: float = 10.0,
+    ground_truth_rate: float = 100.0,
+    estimate_rate: float = 20.0,
+    start: int = START,
 ) -> tuple[PoseSamples, PoseSamples]:
     """Return ground truth and estimate, both noisy, the estimate in a world of its own."""
     random = np.random.default_rng(7)
@@ -49,7 +52,7 @@ def run(
     u = np.arange(0.1, duration - 0.5, 1.0 / estimate_rate)
     world = se3.exp(np.array([1.0, 2.0, 0.5, 0.1, 0.2, 0.3]))
     estimate = world @ motion(u) @ se3.exp(random.normal(0.0, 0.01, (len(u), 6)))
-    return samples(t, truth), samples(u, estimate)
+    return samples(t, truth, start), samples(u, estimate, start)
 
 
 def stamp_message(stamp: int) -> Time:
@@ -86,6 +89,17 @@ def messages(kind: type, chosen: PoseSamples, frame: str = "map") -> list[Any]:
     return [message(kind, *row, frame) for row in rows]
 
 
+def merged(
+    streams: Sequence[Sequence[Any]], delays: Sequence[float] = (0.0, 0.0)
+) -> list[tuple[float, int, int]]:
+    """Several streams in the order in which their messages come: when (s), stream, message."""
+    return sorted(
+        (m.header.stamp.sec + m.header.stamp.nanosec / SECOND + delays[i], i, k)
+        for i, stream in enumerate(streams)
+        for k, m in enumerate(stream)
+    )
+
+
 def publish_in_order(
     publishers: Sequence[Any],
     streams: Sequence[Sequence[Any]],
@@ -96,13 +110,8 @@ def publish_in_order(
 
     ``delays`` (s) tell how much later than its stamp each stream comes.
     """
-    merged = sorted(
-        (m.header.stamp.sec + m.header.stamp.nanosec / SECOND + delays[i], i, k)
-        for i, stream in enumerate(streams)
-        for k, m in enumerate(stream)
-    )
     begin = time.monotonic()
-    for count, (_, i, k) in enumerate(merged):
+    for count, (_, i, k) in enumerate(merged(streams, delays)):
         publishers[i].publish(streams[i][k])
         if count % 20 == 19:
             time.sleep(max(0.0, begin + count / rate - time.monotonic()))

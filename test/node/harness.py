@@ -12,12 +12,15 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from node.data import SECOND, START, merged, messages, run
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -186,14 +189,17 @@ class Graph:
 
     def until_accounted(self, topic: str, received: int) -> dict[str, str]:
         """Wait until the diagnostics have received this many; return the topic's values."""
-        name = topic.replace("_", " ")
 
         def there() -> dict[str, str] | None:
-            status = self.health().get(name)
-            values = values_of(status) if status is not None else {}
+            values = self.account(topic)
             return values if int(values.get("received", -1)) >= received else None
 
         return self.until(there, f"{received} received on {topic}")
+
+    def account(self, topic: str) -> dict[str, str]:
+        """What the newest diagnostics say of a topic; nothing where they do not."""
+        status = self.health().get(topic.replace("_", " "))
+        return {} if status is None else values_of(status)
 
     # ------------------------------------------------------------------------------ publishing
 
@@ -213,6 +219,42 @@ class Graph:
             lambda: all(p.get_subscription_count() for p in publishers),
             "subscriptions to " + ", ".join(p.topic_name for p in publishers),
         )
+
+    def rehearse(self, is_heard: Callable[[], Any], what: str, node: str = "/evaluator") -> None:
+        """Publish a run of the past until all is heard that will be waited for, and start over.
+
+        Whether a writer knows of a reader in another process nobody else can see, neither in the
+        graph nor by counting: a reader may know of a writer that does not know of it, and topics
+        become known one by one. What has arrived proves it. ``is_heard`` asks for something of
+        every topic, at every listener; the node has forgotten the rehearsal when this returns,
+        and nothing that is published from then on will be missed.
+        """
+        names = ("ground_truth", "estimate")
+        publishers = [self.publisher(f"/{name}") for name in names]
+        self.until_heard(*publishers)
+        past = run(duration=2.0 * PATIENCE, start=START - 1000 * SECOND)
+        streams = [messages(PoseStamped, samples) for samples in past]
+        coming = iter(merged(streams))
+        published = [0, 0]
+
+        def heard() -> Any:
+            # A few at a time: a burst may find no room, and then it comes 3 s later.
+            for _, i, k in islice(coming, 12):
+                publishers[i].publish(streams[i][k])
+                published[i] += 1
+            return is_heard()
+
+        self.until(heard, f"{what}, at the rehearsal")
+        for name, count in zip(names, published, strict=True):
+            self.until_accounted(name, count)
+        for publisher in publishers:
+            self.node.destroy_publisher(publisher)
+        self.call(f"{node}/reset")
+        for name in names:
+            self.until(partial(self._has_forgotten, name), f"{name}: another run")
+
+    def _has_forgotten(self, topic: str) -> bool:
+        return self.account(topic).get("received") == "0"
 
     def call(self, service: str) -> Trigger.Response:
         client = self.node.create_client(Trigger, service)
