@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trajeval_ros import loops
-from trajeval_ros.ground_truth.adaptation import Watch
+from trajeval_ros.ground_truth.adaptation import Prediction, Values, Watch, best_regime
+from trajeval_ros.ground_truth.models import MODELS, Grid
+from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
 
 
 def looked(squares, telling, cuts):
@@ -66,3 +68,52 @@ def test_it_looks_on_from_where_it_was_and_is_more_patient_after_it_has_raised()
     assert watch.looked == 4
     assert watch.look(loud, telling) == []
     assert watch.look(loud, telling) == [(9, 4, 0)]
+
+
+def learned_and_values(kernel, parallel, count, seed):
+    """What was learned of a group, and samples of it: (n, G, c), c = 3 / G."""
+    rng, model = np.random.default_rng(seed), MODELS[kernel]
+    grid = Grid(0.1, 1.0, 1e-4, 2e-3)
+    theta = model.starts(grid)[seed % len(model.starts(grid))] + rng.normal(0.0, 0.2)
+    times = np.cumsum(rng.uniform(0.5, 1.5, count)) * 0.1
+    values = np.sin(times[:, None] * rng.uniform(1.0, 3.0, 3)) + rng.normal(0.0, 2e-3, (count, 3))
+    variances = rng.uniform(0.0, 1e-6, (count, parallel))
+    return Learned(model, grid, theta, 1e-3), Values(
+        times, values.reshape(count, parallel, -1), variances
+    )
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@given(
+    kernel=st.sampled_from(["matern52", "matern32"]),
+    parallel=st.sampled_from([1, 3]),
+    count=st.integers(2, 60),
+    first=st.integers(1, 59),
+    regimes=st.lists(
+        st.builds(Regime, st.integers(-6, 6), st.integers(-4, 4)), min_size=1, max_size=8
+    ),
+    seed=st.integers(0, 999),
+)
+def test_the_loop_predicts_as_the_regressions_do(kernel, parallel, count, first, regimes, seed):
+    learned, values = learned_and_values(kernel, parallel, count, seed)
+    first = min(first, count - 1)
+    found = Prediction(learned, values, first)(regimes)
+    with loops.left_out():
+        expected = Prediction(learned, values, first)(regimes)
+    for looped, known in zip(found, expected, strict=True):
+        np.testing.assert_allclose(looped, known, rtol=1e-8, atol=1e-7)
+    alone = [Prediction(learned, values, first)([regime]) for regime in regimes]
+    assert np.ravel(found[0]).tolist() == [float(squares[0]) for squares, _ in alone]
+
+
+@pytest.mark.parametrize("change", [0.01, 100.0])
+def test_the_regime_that_is_found_is_the_one_that_the_motion_is_in(change):
+    learned, values = learned_and_values("matern52", 1, 60, 0)
+    first = Prediction(learned, values, 20)
+    usual = best_regime(learned, USUAL, values, 20)
+    moved = Values(values.times, change * values.values, 0.0 * values.variances)
+    found = best_regime(learned, usual, moved, 20)
+    assert (found.motion > usual.motion) == (change > 1.0)
+    squares, _ = first([usual])
+    ratio = float(squares[0]) / values.values[20:].size
+    assert best_regime(learned, usual, values, 20, ratio) == usual

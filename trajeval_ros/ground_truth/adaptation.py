@@ -27,9 +27,11 @@ import numpy.typing as npt
 
 from trajeval_ros import loops
 from trajeval_ros.ground_truth.factors import Observed
+from trajeval_ros.ground_truth.kernels import Matern
+from trajeval_ros.ground_truth.likelihood import record_room
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
-from trajeval_ros.ground_truth.regression import Regression, scale
+from trajeval_ros.ground_truth.regression import Regression, least_information, scale
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
@@ -53,8 +55,8 @@ _MOST_SAMPLES = 64
 _CONTEXT = 24
 # Of fewer than this, no regime is taken whose noise is more than twice as large.
 _FEW = 24
-# A search ends after so many rounds.
-_ROUNDS = 6
+# A search ends after so many rounds, and looks at no more regimes together.
+_ROUNDS, _TOGETHER = 6, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,11 @@ class Values:
     times: Array
     values: Array
     variances: Array
+
+    @property
+    def parallel(self) -> int:
+        """G."""
+        return int(self.values.shape[1])
 
     def of(self, group: int) -> Values:
         """Those of translation (0) or rotation (1), as groups of their own."""
@@ -84,45 +91,110 @@ class Values:
         return Values(self.times[index], self.values[index], self.variances[index])
 
 
-def conditioned(learned: Learned, regimes: Iterable[Regime], values: Values) -> Regression:
-    """One group's regression under each regime, side by side: (len(regimes) G', c)."""
-    candidates = [learned.under(regime) for regime in regimes]
-    parallel = values.values.shape[1]
-    groups = tuple(group for group in candidates for _ in range(parallel))
-    noise = np.array([group.noise_std**2 for group in groups])
-    regression = Regression(learned.model.kernels, groups, values.values.shape[2])
-    regression.extend(
-        Observed(
-            values.times,
-            np.tile(values.values, (1, len(candidates), 1)),
-            np.tile(values.variances, (1, len(candidates))) + noise,
+class Prediction:
+    """How well a group's samples from row ``first`` >= 1 on are predicted by those before each.
+
+    ``values`` of one group. A regime answers with ``Σ e²`` and ``Σ log d²`` over these samples.
+    """
+
+    def __init__(self, learned: Learned, values: Values, first: int) -> None:
+        """Ask for regimes of what was ``learned``."""
+        self._learned, self._values, self._first = learned, values, first
+        matern = [kernel for kernel in learned.model.kernels if isinstance(kernel, Matern)]
+        self._loop: _Loop | None = None
+        if loops.there() and len(matern) == len(learned.model.kernels):
+            self._loop = _Loop(matern, values, first)
+
+    def __call__(self, regimes: Sequence[Regime]) -> tuple[Array, Array]:
+        """Return both of each of the regimes; (r,)."""
+        if self._loop is not None:
+            numbers = np.array([self._learned.numbers(regime) for regime in regimes])
+            return self._loop(numbers)
+        values, count = self._values, len(regimes)
+        groups = tuple(self._learned.under(r) for r in regimes for _ in range(values.parallel))
+        noise = np.array([group.noise_std**2 for group in groups])
+        regression = Regression(self._learned.model.kernels, groups, values.values.shape[2])
+        regression.extend(
+            Observed(
+                values.times,
+                np.tile(values.values, (1, count, 1)),
+                np.tile(values.variances, (1, count)) + noise,
+            )
         )
-    )
-    return regression
+        squares, log_dets = regression.innovations(self._first)
+        return squares.reshape(count, -1).sum(axis=1), log_dets.reshape(count, -1).sum(axis=1)
+
+
+class _Loop:
+    """The same in C: each group under each regime is a record."""
+
+    def __init__(self, kernels: Sequence[Matern], values: Values, first: int) -> None:
+        """Put the groups one after the other."""
+        count, self._parallel, coordinates = values.values.shape
+        # Of as many records as are asked for together: what is too much is not looked at.
+        most = _TOGETHER * self._parallel
+        self._records = count * np.arange(most) % (count * self._parallel), np.full(most, count)
+        self._sets = np.arange(_TOGETHER).repeat(self._parallel)
+        self._first = first
+        self._samples = (
+            np.tile(values.times, self._parallel),
+            loops.doubles(values.values.swapaxes(0, 1)),
+            loops.doubles(values.variances.T),
+            coordinates,
+        )
+        self._rates = np.array([kernel.rate for kernel in kernels])
+        orders = tuple(len(kernel.coefficients) for kernel in kernels)
+        self._orders = np.array(orders), len(orders)
+        self._room = record_room(orders, coordinates, count, slopes=False)
+
+    def __call__(self, numbers: Array) -> tuple[Array, Array]:
+        """``numbers`` (r, 2m + 1) as `Learned.numbers`."""
+        regimes, parallel = len(numbers), self._parallel
+        records, variances = regimes * parallel, numbers[:, :-1:2] ** 2
+        found = np.empty((records, 2))
+        loops.call(
+            "record_news",
+            *self._records,
+            records,
+            *self._samples,
+            *self._orders,
+            self._sets,
+            self._rates / numbers[:, 1:-1:2],
+            variances,
+            numbers[:, -1] ** 2,
+            least_information(variances.sum(axis=1)),
+            self._first,
+            np.empty(self._room),
+            found,
+        )
+        sums = found.reshape(regimes, parallel, 2).sum(axis=1)
+        return sums[:, 0], sums[:, 1]
 
 
 def best_regime(
-    learned: Learned, start: Regime, values: Values, since: int, ratio: float
+    learned: Learned, start: Regime, values: Values, since: int, ratio: float | None = None
 ) -> Regime:
     """The regime, of those that can be reached from ``start``, that predicts the samples best.
 
     ``values`` of one group; the samples from row ``since`` >= 1 on are to be predicted, which under
-    ``start`` have a standardised mean square of ``ratio``.
+    ``start`` have a standardised mean square of ``ratio``, which is found if it is not known.
     """
-    coordinates = values.values.shape[2]
+    predicted, coordinates = Prediction(learned, values, since), values.values.shape[2]
+    if ratio is None:
+        squares, _ = predicted([start])
+        ratio = float(squares[0]) / values.values[since:].size
     # Larger noise smooths motion away, and a few samples do not tell the two apart.
     few = len(values.times) - since < _FEW
     noisiest = max(start.noise, 0) + (1 if few else _MOST_SAMPLES)
     known: dict[Regime, float] = {}
 
     def look_at(regimes: Iterable[Regime]) -> None:
-        missing = sorted({r for r in regimes if r.noise <= noisiest} - set(known))
-        if not missing:
-            return
-        squares, log_dets = conditioned(learned, missing, values).innovations(since)
-        each = (squares + coordinates * log_dets).sum(axis=1).reshape(len(missing), -1)
-        for regime, cost in zip(missing, each.sum(axis=1), strict=True):
-            known[regime] = float(-0.5 * cost) + regime.log_prior
+        missing = sorted({r for r in regimes if r.noise <= noisiest} - known.keys())
+        if missing:
+            squares, log_dets = predicted(missing)
+            costs = (squares + coordinates * log_dets).tolist()
+            for regime, cost in zip(missing, costs, strict=True):
+                known[regime] = -0.5 * cost + regime.log_prior
 
     leap = round(0.5 * math.log2(max(ratio, 1e-12)))
     near = (leap, leap - 1, leap - 2) if leap > 0 else (leap, leap + 1)
@@ -281,13 +353,10 @@ class Adaptation:
         if len(values.times) < 3:
             return AS_LEARNED
         last = len(values.times) - 1
-        found = []
-        for group, (learned, since) in enumerate(zip(process.learned, epoch.since, strict=True)):
-            seen, first = values.of(group), min(since, last)
-            squares, _ = conditioned(learned, [USUAL], seen).innovations(first)
-            ratio = float(squares.mean()) / seen.values.shape[2]
-            found.append(best_regime(learned, USUAL, seen, first, ratio))
-        translation, rotation = found
+        translation, rotation = (
+            best_regime(learned, USUAL, values.of(group), min(since, last))
+            for group, (learned, since) in enumerate(zip(process.learned, epoch.since, strict=True))
+        )
         return translation, rotation
 
     def take(self, values: Values) -> None:

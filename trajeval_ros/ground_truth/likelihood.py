@@ -29,7 +29,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -225,9 +225,19 @@ class _Markov:
         return self._room(slopes=True)
 
     def _room(self, *, slopes: bool) -> int:
-        coordinates = self.values.shape[1]
-        sizes = len(self.orders), coordinates, self.longest, int(slopes)
-        return loops.call("record_room", self.orders, *sizes)
+        return record_room(tuple(self.orders.tolist()), self.values.shape[1], self.longest, slopes)
+
+
+@lru_cache(maxsize=256)
+def record_room(orders: tuple[int, ...], coordinates: int, longest: int, slopes: bool) -> int:
+    """How many numbers the loops need room for where the ``longest`` record has so many samples.
+
+    ``orders``: how many coefficients each kernel has.
+    """
+    room = np.empty(1, dtype=np.int64)
+    sizes = len(orders), coordinates, longest, int(slopes)
+    loops.call("record_room", np.array(orders), *sizes, room)
+    return int(room[0])
 
 
 class _MarkovFit(Fit):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from types import MappingProxyType
 from typing import ClassVar, Protocol
@@ -177,30 +178,30 @@ class MotionAndNoise:
 
     def natural(self, theta: Array, grid: Grid) -> tuple[Array, Array]:
         """Add the parts of the noise."""
-        size = len(theta)
-        stds, lengths, n_0 = np.exp(theta[:-1:2]), np.exp(theta[1:-1:2]), math.exp(theta[-1])
+        pairs, n_0 = np.exp(theta[:-1]).tolist(), math.exp(theta[-1])
         within = [
             self.motion_share**2
             * motion.share
             * motion.density
             * std**2
             * (math.sqrt(motion.order) * grid.interval / length) ** motion.order
-            for motion, std, length in zip(self.motions, stds, lengths, strict=True)
+            for motion, std, length in zip(self.motions, pairs[::2], pairs[1::2], strict=True)
         ]
         variance = n_0**2 + math.fsum(within)
-        slope = np.empty(size)
-        slope[:-1:2] = 2.0 * np.array(within)
-        slope[1:-1:2] = [-m.order * v for m, v in zip(self.motions, within, strict=True)]
-        slope[-1] = 2.0 * n_0**2
         log_noise = 0.5 * math.log(variance)
-        natural = np.empty(size + 2)
-        natural[: size - 1] = theta[:-1]
-        natural[-3] = log_noise + 0.5 * math.log(self.correlated_share)
-        natural[-2] = math.log(self.correlation_intervals * grid.interval)
-        natural[-1] = log_noise + 0.5 * math.log(1.0 - self.correlated_share)
-        jacobian = np.eye(size + 2, size)
-        jacobian[-3] = jacobian[-1] = 0.5 * slope / variance
-        return natural, jacobian
+        noises = [
+            log_noise + 0.5 * math.log(self.correlated_share),
+            math.log(self.correlation_intervals * grid.interval),
+            log_noise + 0.5 * math.log(1.0 - self.correlated_share),
+        ]
+        slopes = [
+            0.5 * (slope * v) / variance
+            for motion, v in zip(self.motions, within, strict=True)
+            for slope in (2.0, -motion.order)
+        ]
+        jacobian = _identity(len(theta)).copy()
+        jacobian[-3] = jacobian[-1] = [*slopes, n_0**2 / variance]
+        return np.array([*theta[:-1].tolist(), *noises]), jacobian
 
     def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array, Array]:
         """Normal in log l of Matérn 7/2; flat in log n_0 where it is usual, with normal tails."""
@@ -242,6 +243,12 @@ class MotionAndNoise:
             np.log([s * less, rough, s, smooth, s * less**2, rough, noise])
             for smooth, (rough, less), noise in product(lengths, rougher, noises)
         ]
+
+
+@cache
+def _identity(parameters: int) -> Array:
+    """Two rows more than parameters; not to be written to."""
+    return np.eye(parameters + 2, parameters)
 
 
 MODELS: MappingProxyType[str, Model] = MappingProxyType(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
 from trajeval_ros.ground_truth.models import Grid, Model
 
 Array = npt.NDArray[np.float64]
+Numbers = tuple[float, ...]
 
 # Natural logarithms of two standard deviations' ratio. That the motion changes by a multiple is
 # common; that the noise does is not, and larger noise smooths motion away: it takes more evidence.
@@ -33,8 +35,7 @@ _MOST = 40
 _ALIKE = 3
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Regime:
+class Regime(NamedTuple):
     """Motion ``2**motion`` times as lively as learned, noise ``2**noise`` times as large."""
 
     motion: int = 0
@@ -78,6 +79,7 @@ class Learned:
     accuracy: float
     seen: frozenset[Regime] = frozenset({USUAL})
     _known: dict[Regime, GroupHyperparameters] = field(default_factory=dict, repr=False)
+    _numbers: dict[Regime, Numbers] = field(default_factory=dict, repr=False)
 
     def is_new(self, regime: Regime) -> bool:
         """Whether nothing like it was seen."""
@@ -100,9 +102,15 @@ class Learned:
             self._known[regime] = self._under(regime)
         return self._known[regime]
 
+    def numbers(self, regime: Regime) -> Numbers:
+        """The same: σ and l of each kernel, one after the other, and the noise's n."""
+        if regime not in self._numbers:
+            natural = self.model.natural(regime.of(self.theta), self.grid)[0]
+            *pairs, noise = np.exp(natural).tolist()
+            noise = max(math.hypot(noise, self.accuracy), LEAST_NOISE * max(pairs[::2]))
+            self._numbers[regime] = (*pairs, noise)
+        return self._numbers[regime]
+
     def _under(self, regime: Regime) -> GroupHyperparameters:
-        natural = self.model.natural(regime.of(self.theta), self.grid)[0]
-        *pairs, noise = (float(v) for v in np.exp(natural))
-        components = tuple(map(Component, pairs[::2], pairs[1::2]))
-        noise = max(math.hypot(noise, self.accuracy), LEAST_NOISE * max(pairs[::2]))
-        return GroupHyperparameters(components, noise)
+        *pairs, noise = self.numbers(regime)
+        return GroupHyperparameters(tuple(map(Component, pairs[::2], pairs[1::2])), noise)

@@ -59,7 +59,7 @@ class Regression:
         """Start without samples."""
         self._kernel = KernelSum.of(kernels, groups)
         self._variance = self._kernel.variances[0, :, 0]
-        self._factor = _factor(self._kernel, 1.0 / (_FLAT**2 * self._variance), coordinates)
+        self._factor = _factor(self._kernel, least_information(self._variance), coordinates)
 
     @property
     def groups(self) -> int:
@@ -131,6 +131,11 @@ class Regression:
             explained = (samples[:, : known + j, :size] @ weight)[..., 0]
             found.append((prior[:, : known + j, j] + drawn[:, j, None] - explained).T)
         return found
+
+
+def least_information(variances: Array) -> Array:
+    """What is known of a group's mean before all samples; ``variances`` (G,): ``k(0)``."""
+    return np.asarray(1.0 / (_FLAT**2 * variances))
 
 
 def _factor(kernel: KernelSum, information: Array, coordinates: int) -> Factor:

@@ -35,8 +35,8 @@
  * Products u with dK/dtheta are sums over the samples before and those after, whose powers
  * t_m = sum phi_m(a) alpha go on as Phi' does; and u' K^-1 u of two is had from their v.
  *
- * Four records are gone through side by side, one a lane, each with hyperparameters of its own. One that has ended, or that is not there,
- * has samples that tell nothing: 1 / S is zero.
+ * Four records are gone through side by side, one a lane, each with hyperparameters of its own. One
+ * that has ended, or that is not there, has samples that tell nothing: 1 / S is zero.
  */
 #include "loops.h"
 
@@ -63,6 +63,15 @@ typedef struct {
     Lanes *slope;     /* (powers): of dk/dlog l in t_m */
     double *inverse;  /* 1 / m */
 } Sum;
+
+/* All records, one after the other: the samples of record r are counts[r] from begins[r] on of times,
+ * values (, c) and variances; begins, counts and sets (records). Its hyperparameters are those of
+ * the row sets[r] of rates and kernel_variances (sets, kernels) and noises (sets), n^2. */
+typedef struct {
+    const int64_t *begins, *counts, *sets;
+    const double *times, *values, *variances, *rates, *kernel_variances, *noises;
+    int64_t records, coordinates;
+} Records;
 
 /* The samples of records side by side. */
 typedef struct {
@@ -218,22 +227,21 @@ LOOPS_PART Sum prepared(const int64_t *orders, int64_t kernels, double **work)
 }
 
 /* What the kernels are to the records r, r + 1, ...: those beyond the last are as the last. */
-LOOPS_PART void tell(const Sum *sum, const int64_t *sets, int64_t records, int64_t r,
-                     const double *rates, const double *variances, const double *noises)
+LOOPS_PART void tell(const Sum *sum, const Records *all, int64_t r)
 {
     Lanes *intensity = sum->intensity, *value = sum->value, *slope = sum->slope;
     const Lanes one = {1.0, 1.0, 1.0, 1.0};
     int64_t set[LANES];
     for (int64_t l = 0; l < LANES; ++l) {
-        set[l] = sets[r + l < records ? r + l : records - 1];
-        (*sum->noise)[l] = noises[set[l]];
+        set[l] = all->sets[r + l < all->records ? r + l : all->records - 1];
+        (*sum->noise)[l] = all->noises[set[l]];
     }
     for (int64_t k = 0; k < sum->kernels; ++k) {
         const int64_t order = sum->orders[k], last = order - 1;
         Lanes variance;
         for (int64_t l = 0; l < LANES; ++l) {
-            sum->rates[k][l] = rates[set[l] * sum->kernels + k];
-            variance[l] = variances[set[l] * sum->kernels + k];
+            sum->rates[k][l] = all->rates[set[l] * sum->kernels + k];
+            variance[l] = all->kernel_variances[set[l] * sum->kernels + k];
         }
         /* (i + j)! / (i! j!), counted from the last, by Pascal's rule. */
         for (int64_t i = last; i >= 0; --i)
@@ -271,7 +279,7 @@ LOOPS_PART void step(const Sum *sum, int64_t order, Lanes a, Lanes *phi, Lanes *
     Lanes power;
     double largest = 0.0;
     for (int64_t l = 0; l < LANES; ++l) {
-        power[l] = exp(-a[l]);
+        power[l] = l && a[l] == a[l - 1] ? power[l - 1] : exp(-a[l]);
         largest = a[l] > largest ? a[l] : largest;
     }
     Lanes both = power * power;
@@ -366,15 +374,13 @@ LOOPS_PART const Lanes *entry(const Lanes *matrix, int64_t i, int64_t j, int64_t
 }
 
 /* Records r, r + 1, ... side by side, at *work. */
-LOOPS_PART Samples taken(const int64_t *begins, const int64_t *counts, int64_t records, int64_t r,
-                         const double *times, const double *values, const double *variances, int64_t coordinates,
-                         const Lanes *noise, double **work)
+LOOPS_PART Samples taken(const Records *all, int64_t r, const Lanes *noise, double **work)
 {
-    const int64_t columns = 1 + coordinates;
+    const int64_t coordinates = all->coordinates, columns = 1 + coordinates;
     Samples samples = {.coordinates = coordinates};
-    for (int64_t l = 0; l < LANES && r + l < records; ++l) {
-        samples.begins[l] = begins[r + l];
-        samples.counts[l] = counts[r + l];
+    for (int64_t l = 0; l < LANES && r + l < all->records; ++l) {
+        samples.begins[l] = all->begins[r + l];
+        samples.counts[l] = all->counts[r + l];
         if (samples.counts[l] > samples.count) samples.count = samples.counts[l];
     }
     samples.apart = allotted_lanes(work, samples.count);
@@ -386,12 +392,12 @@ LOOPS_PART Samples taken(const int64_t *begins, const int64_t *counts, int64_t r
             const int there = i < samples.counts[l];
             const int64_t at = samples.begins[l] + i;
             samples.there[i][l] = there;
-            samples.apart[i][l] = there && i ? times[at] - times[at - 1] : 0.0;
-            samples.noises[i][l] = there ? (*noise)[l] + variances[at] : 1.0;
+            samples.apart[i][l] = there && i ? all->times[at] - all->times[at - 1] : 0.0;
+            samples.noises[i][l] = there ? (*noise)[l] + all->variances[at] : 1.0;
             samples.values[i * columns][l] = 1.0;
             for (int64_t j = 0; j < coordinates; ++j)
                 samples.values[i * columns + 1 + j][l] =
-                    there ? values[at * coordinates + j] : 0.0;
+                    there ? all->values[at * coordinates + j] : 0.0;
         }
     return samples;
 }
@@ -463,6 +469,17 @@ LOOPS_PART void filter(const Sum *sum, const Samples *samples, Filter *f, double
     }
 }
 
+/* The records r, r + 1, ... as their samples and what the filter leaves, at *work. */
+LOOPS_PART Filter filtered(const Sum *sum, const Records *all, int64_t r, int kept,
+                           Samples *samples, double *log_det, double **work)
+{
+    tell(sum, all, r);
+    *samples = taken(all, r, sum->noise, work);
+    Filter f = placed(sum, samples, kept, work);
+    filter(sum, samples, &f, log_det);
+    return f;
+}
+
 /* Take the means from the innovations: 1' K^-1 1, and x' Pi x. */
 LOOPS_PART void centre(const Samples *samples, Filter *f, Lanes *information, Lanes *squares)
 {
@@ -487,6 +504,27 @@ LOOPS_PART void centre(const Samples *samples, Filter *f, Lanes *information, La
             v[j] -= mean * v[0];
             *squares += v[j] * v[j] * f->precisions[i];
         }
+    }
+}
+
+/* Of the samples up to the last of `count`: A (1) and q (1) of record_news. */
+LOOPS_PART void sum_up(const Samples *samples, const Filter *f, int64_t count, Lanes *sum,
+                       Lanes *square)
+{
+    const int64_t columns = 1 + samples->coordinates;
+    for (int64_t i = 0; i < count; ++i) {
+        const Lanes one = f->innovations[i * columns];
+        *sum += one * one * f->precisions[i];
+    }
+    clear(square, 1);
+    for (int64_t j = 1; j < columns; ++j) {
+        Lanes product = {0.0};
+        for (int64_t i = 0; i < count; ++i) {
+            const Lanes *v = f->innovations + i * columns, weighed = v[j] * f->precisions[i];
+            *square += v[j] * weighed;
+            product += v[0] * weighed;
+        }
+        *square -= product * product / *sum;
     }
 }
 
@@ -601,9 +639,9 @@ LOOPS_PART void multiply(const Sum *sum, const Samples *samples, const Filter *f
     }
 }
 
-/* How many doubles of work are needed where the longest record has count samples. */
-int64_t record_room(const int64_t *orders, int64_t kernels, int64_t coordinates, int64_t count,
-                    int64_t slopes)
+/* How many doubles of work are needed where the longest record has count samples: room (1). */
+int record_room(const int64_t *orders, int64_t kernels, int64_t coordinates, int64_t count,
+                int64_t slopes, int64_t *room)
 {
     const Sum sum = prepared(orders, kernels, 0);
     const int64_t columns = 1 + coordinates, size = 2 * kernels + 1, rank = sum.rank;
@@ -620,29 +658,28 @@ int64_t record_room(const int64_t *orders, int64_t kernels, int64_t coordinates,
         lanes += products;
     }
     lanes += 1 + kernels + sum.squares + 2 * sum.powers;
-    return inverses(&sum) + LANES * lanes;
+    *room = inverses(&sum) + LANES * lanes;
+    return 0;
 }
 
 /* Each record's log|K| + log 1' K^-1 1 and x' Pi x, found (records, 2), infinity both where K is
- * not positive definite. The samples of record r are counts[r] from begins[r] on of times, values
- * (, c) and variances; begins and counts (records), orders (kernels). Its hyperparameters are those of the
- * row sets[r], sets (records), of rates and kernel_variances (sets, kernels) and noises (sets), n^2.
- * Records of one length go well side by side. */
+ * not positive definite; records as in Records, orders (kernels). Records of one length go well
+ * side by side. */
 LOOPS_WIDE
 int record_values(const int64_t *begins, const int64_t *counts, int64_t records,
-                  const double *times, const double *values, const double *variances, int64_t coordinates,
-                  const int64_t *orders, int64_t kernels, const int64_t *sets,
-                  const double *rates, const double *kernel_variances, const double *noises,
+                  const double *times, const double *values, const double *variances,
+                  int64_t coordinates, const int64_t *orders, int64_t kernels,
+                  const int64_t *sets, const double *rates, const double *kernel_variances,
+                  const double *noises,
                   double *work, double *found)
 {
+    const Records all = {begins, counts, sets, times, values, variances, rates, kernel_variances,
+                         noises, records, coordinates};
     const Sum sum = prepared(orders, kernels, &work);
     for (int64_t r = 0; r < records; r += LANES) {
         double *rest = work, log_det[LANES];
-        tell(&sum, sets, records, r, rates, kernel_variances, noises);
-        const Samples samples =
-            taken(begins, counts, records, r, times, values, variances, coordinates, sum.noise, &rest);
-        Filter f = placed(&sum, &samples, 0, &rest);
-        filter(&sum, &samples, &f, log_det);
+        Samples samples;
+        Filter f = filtered(&sum, &all, r, 0, &samples, log_det, &rest);
         Lanes information, squares;
         centre(&samples, &f, &information, &squares);
         for (int64_t l = 0; l < LANES && r + l < records; ++l) {
@@ -654,28 +691,64 @@ int record_values(const int64_t *begins, const int64_t *counts, int64_t records,
     return 0;
 }
 
+/* What each record's samples from its row `first` >= 1 on add to q and to log|K| + log A, found
+ * (records, 2), infinity both where K is not positive definite. Of the mean's prior each set has an
+ * information (sets), which A = 1' K^-1 1 has beside; q = x' K^-1 x - |1' K^-1 x|^2 / A. All have
+ * more samples than `first`, and the rest is as in record_values. */
+LOOPS_WIDE
+int record_news(const int64_t *begins, const int64_t *counts, int64_t records,
+                const double *times, const double *values, const double *variances,
+                int64_t coordinates, const int64_t *orders, int64_t kernels,
+                const int64_t *sets, const double *rates, const double *kernel_variances,
+                const double *noises,
+                const double *information, int64_t first, double *work, double *found)
+{
+    const Records all = {begins, counts, sets, times, values, variances, rates, kernel_variances,
+                         noises, records, coordinates};
+    const Sum sum = prepared(orders, kernels, &work);
+    for (int64_t r = 0; r < records; r += LANES) {
+        double *rest = work, log_det[LANES];
+        Samples samples;
+        const Filter f = filtered(&sum, &all, r, 0, &samples, log_det, &rest);
+        Lanes before, after, known, square;
+        for (int64_t l = 0; l < LANES; ++l)
+            before[l] = after[l] = information[sets[r + l < records ? r + l : records - 1]];
+        sum_up(&samples, &f, first, &before, &known);
+        sum_up(&samples, &f, samples.count, &after, &square);
+        for (int64_t l = 0; l < LANES && r + l < records; ++l) {
+            double spread = log(after[l] / before[l]);
+            for (int64_t i = first; i < samples.counts[l]; ++i)
+                spread -= log(f.precisions[i][l]);
+            const int definite = log_det[l] < INFINITY;
+            found[2 * (r + l)] = definite ? square[l] - known[l] : INFINITY;
+            found[2 * (r + l) + 1] = definite ? spread : INFINITY;
+        }
+    }
+    return 0;
+}
+
 /* The sums over the records of each set of the slope of log p, gradient (sets, p), and of its
  * average information (sets, p, p), with `freedom` degrees; K is positive definite, `many` the
  * number of sets, and the rest as of record_values. */
 LOOPS_WIDE
 int record_slopes(const int64_t *begins, const int64_t *counts, int64_t records,
-                  const double *times, const double *values, const double *variances, int64_t coordinates,
-                  const int64_t *orders, int64_t kernels, const int64_t *sets,
-                  const double *rates, const double *kernel_variances, const double *noises,
+                  const double *times, const double *values, const double *variances,
+                  int64_t coordinates, const int64_t *orders, int64_t kernels,
+                  const int64_t *sets, const double *rates, const double *kernel_variances,
+                  const double *noises,
                   int64_t many, double freedom, double *work, double *gradient,
                   double *information)
 {
+    const Records all = {begins, counts, sets, times, values, variances, rates, kernel_variances,
+                         noises, records, coordinates};
     const Sum sum = prepared(orders, kernels, &work);
     const int64_t size = 2 * kernels + 1, columns = coordinates * size;
     memset(gradient, 0, (size_t)(many * size) * sizeof(double));
     memset(information, 0, (size_t)(many * size * size) * sizeof(double));
     for (int64_t r = 0; r < records; r += LANES) {
         double *rest = work, log_det[LANES];
-        tell(&sum, sets, records, r, rates, kernel_variances, noises);
-        const Samples samples =
-            taken(begins, counts, records, r, times, values, variances, coordinates, sum.noise, &rest);
-        Filter f = placed(&sum, &samples, 1, &rest);
-        filter(&sum, &samples, &f, log_det);
+        Samples samples;
+        Filter f = filtered(&sum, &all, r, 1, &samples, log_det, &rest);
         Lanes mean_information, squares;
         centre(&samples, &f, &mean_information, &squares);
         Lanes *alpha = allotted_lanes(&rest, samples.count * (1 + coordinates));
