@@ -150,3 +150,18 @@ def test_an_estimate_with_too_few_poses_around_the_samples_has_one_of_each():
     found = fit_independent(stamps, poses, nearest, rarely_sampled)
     assert found is not None
     assert found.poses == len(np.unique(nearest))
+
+
+def test_poses_stamped_on_arrival_are_interpolated_where_they_can_be():
+    """Two of them within a millisecond make a cubic's weights, and its noise, huge."""
+    stamps, poses = seen(4, Nuisances.none())
+    late = stamps + np.rint(np.random.default_rng(0).exponential(0.02, len(stamps)) * SECOND)
+    order = np.argsort(late)
+    late = late[order].astype(np.int64)
+    late = np.maximum.accumulate(late + np.arange(len(late)))
+    found = fit_independent(late, poses[order], nearest_to(late, SAMPLES), rarely_sampled)
+    assert found is not None
+    assert found.stamps is None
+    # They move at a metre a second, and turn at half a radian.
+    for group, least in (("translation", 5e-3), ("rotation", 2e-3)):
+        assert least < found.groups[group]["jitter_std"].value < 10.0 * least

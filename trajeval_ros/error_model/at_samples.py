@@ -38,6 +38,12 @@ _LEAST_SIDE, _LONG_SIDE = 3, 8
 _SHARE = 0.125
 # Poses on both sides of a sample are no further apart than this share of that interval.
 _APART = 0.5
+# Where two poses are so near in time that a cubic through four would make more than this of their
+# noise's variance, there is none.
+_MOST_NOISE = 2.0
+# Of stamps that scatter by more than this share of the interval between poses, an interpolated pose
+# does not err in proportion.
+_SCATTER = 0.1
 
 
 def fit_independent(
@@ -77,6 +83,7 @@ def _at_samples(between: _Between, samples: Stamps, ask: Ask) -> ErrorModel | No
     if len(samples) < ENOUGH:
         return None
     interval = int(np.median(np.diff(samples)))
+    most_scatter = _SCATTER * 1e-9 * float(np.median(np.diff(between.stamps)))
     poses, covariances = answered.poses[answered.valid], answered.covariances[answered.valid]
     found: ErrorModel | None = None
     middle = 0
@@ -94,7 +101,7 @@ def _at_samples(between: _Between, samples: Stamps, ask: Ask) -> ErrorModel | No
             twists[:, :3] *= before.scale
             twists = twists @ se3.adjoint(before.extrinsic).T
             ask = _Moved(samples[inside], poses[inside], covariances[inside], twists)
-        first, found = found is None, fit(stamps, estimate, ask)
+        first, found = found is None, fit(stamps, estimate, ask, most_scatter=most_scatter)
         if found is None:
             return None
         middle = (int(stamps[0]) + int(stamps[-1])) // 2
@@ -147,7 +154,11 @@ class _Between:
         if not inside.any():
             return inside
         place = np.where(inside, after, _LEAST_SIDE)
-        return np.asarray(inside & (self.stamps[place] - self.stamps[place - 1] <= longest))
+        inside &= self.stamps[place] - self.stamps[place - 1] <= longest
+        if inside.any():
+            _, weights = self._cubics(stamps[inside])
+            inside[inside] = (weights**2).sum(axis=1) <= _MOST_NOISE
+        return np.asarray(inside)
 
     def poses(self, stamps: Stamps) -> tuple[Array, float]:
         """Poses (n, 4, 4) by cubics through four, and what of white noise's variance they have."""

@@ -75,21 +75,29 @@ _STEPS = 25
 _GAIN_OF_SCATTER = 10.0
 
 
-def fit(stamps: Stamps, estimate: Array, ask: Ask, known: Truth | None = None) -> ErrorModel | None:
+def fit(
+    stamps: Stamps,
+    estimate: Array,
+    ask: Ask,
+    known: Truth | None = None,
+    most_scatter: float = np.inf,
+) -> ErrorModel | None:
     """Fit the error model.
 
     stamps: (N,) ns, increasing, on the estimate's clock. estimate: (N, 4, 4). ask: the ground truth
     at given stamps, which is asked anew at the clock offset found. known: its answers at
-    ``stamps``, where they are there already. None with fewer than `ENOUGH` poses, or where the
-    likelihood has no maximum (errors of exactly nothing).
+    ``stamps``, where they are there already. most_scatter: of stamps that can be told, s. None with
+    fewer than `ENOUGH` poses, or where the likelihood has no maximum (errors of exactly nothing).
     """
+    if len(stamps) < ENOUGH:
+        return None
     try:
-        return _fit(_Problem(stamps, estimate, ask, known)) if len(stamps) >= ENOUGH else None
+        return _fit(_Problem(stamps, estimate, ask, known), most_scatter)
     except np.linalg.LinAlgError:
         return None
 
 
-def _fit(problem: _Problem) -> ErrorModel | None:
+def _fit(problem: _Problem, most_scatter: float) -> ErrorModel | None:
     nuisances = problem.start()
     if not problem.enough(nuisances):
         nuisances = Nuisances.none()
@@ -103,7 +111,7 @@ def _fit(problem: _Problem) -> ErrorModel | None:
     if variance is not None:
         plain = found
         scattered = _with_scatter(problem, found, variance)
-        if scattered is not None:
+        if scattered is not None and scattered[1].value <= most_scatter:
             found, scatter = scattered
         else:
             problem.scatter, found = 0.0, plain
@@ -129,11 +137,14 @@ def _with_scatter(
     variance: s², of theirs, about.
     """
     problem.scatter = variance
-    found = _found(problem, plain.nuisances)
-    if found is None:
+    try:
+        found = _found(problem, plain.nuisances)
+        if found is None:
+            return None
+        low, high = (each.ravel() for each in bounds(found.here.kind, found.here.data))
+        here, value, std = likeliest_scatter(found.here, variance, low, high)
+    except np.linalg.LinAlgError:
         return None
-    low, high = (each.ravel() for each in bounds(found.here.kind, found.here.data))
-    here, value, std = likeliest_scatter(found.here, variance, low, high)
     gained = reached(here) - reached(plain.here)
     if gained < _GAIN_OF_SCATTER:
         return None
