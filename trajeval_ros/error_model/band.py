@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 _LANES = 4
 _MOST_LANES = 32
 _PARAMETERS = 4
-# Of so many poses an elimination, 15 MB at the most, is kept as it is made.
+# Of so many poses the filter, 12 MB at the most, is kept as it is made.
 _FEW = 5000
 
 
@@ -34,145 +34,109 @@ def regressed(system: System) -> Regressed:
 class Band:
     """`Regressed`.
 
-    Of more poses than a few thousand the elimination is kept only once it is asked for, m (2m + c)
-    numbers a pose: where likelihoods are compared, it never is.
+    Of more poses than a few thousand the filter is kept only once it is asked for: where
+    likelihoods are compared, it never is.
     """
 
     def __init__(self, system: System) -> None:
-        """Eliminate the states of one pose after the other.
+        """Filter K and z.
 
         Raises numpy.linalg.LinAlgError where a matrix is not positive definite.
         """
-        self._system = system
         count, k = len(system.errors), system.moves.shape[1]
         c, d = system.nuisances.shape[2], system.gauge.shape[2]
-        self._columns = c + d
-        self._sizes = count, k, c, d, -(-(c + d + 1) // _LANES) * _LANES
-        contiguous = loops.doubles
-        self._regressors = tuple(
-            contiguous(each) for each in (system.nuisances, system.gauge, system.errors)
+        self._columns, self._begin = c + d, system.predicted
+        self._count, self._size = count, 6 * k
+        self._lanes = -(-(c + d + 1) // _LANES) * _LANES
+        self._arrays = tuple(
+            map(
+                loops.doubles,
+                (
+                    system.covariance,
+                    system.jitter,
+                    system.nuisances,
+                    system.gauge,
+                    system.errors,
+                    system.moves,
+                    system.noise,
+                    system.prior,
+                    system.travel,
+                ),
+            )
         )
-        self._travel, self._prior = contiguous(system.travel), contiguous(system.prior)
-        self._noise = contiguous(system.covariance), contiguous(system.jitter)
-        self._moves = contiguous(system.moves)
-        self._precision, self._step_noise = contiguous(system.precision), contiguous(system.noise)
-        room = count if count <= _FEW else 2
-        weight, kept, normal, log_dets = self._eliminated(room)
-        self._elimination = (weight, kept) if room == count else None
+        self._sizes = count, c, d, k, self._lanes
+        room = count if count <= _FEW else 1
+        kept, normal, self.log_det = self._filtered(room)
+        self._kept = kept if room == count else None
         used = self._columns + 1
         self.normal: Array = normal[:used, :used]
-        self.noise_log_det, self.log_det = (float(each) for each in log_dets)
 
-    def _eliminated(self, room: int) -> tuple[Array, Array, Array, Array]:
-        """R⁻¹ and the elimination of the last ``room`` poses, the normal equations, log |.|."""
-        _, k, _, _, lanes = self._sizes
-        found = (
-            np.empty((room, 6, 6)),
-            np.empty((room, 6 * k, 12 * k + lanes)),
-            np.empty((lanes, lanes)),
-            np.empty(2),
-        )
-        failed = loops.call(
-            "band_forward",
-            *self._noise,
-            *self._regressors,
-            self._moves,
-            self._precision,
-            self._prior,
-            self._travel,
-            *found,
-            room,
-            *self._sizes,
-        )
-        if failed:
+    def _filtered(self, room: int) -> tuple[Array, Array, float]:
+        """The filter of the last ``room`` poses, the normal equations, log |.|."""
+        size = loops.call("band_size", *self._sizes[3:])
+        kept, normal = np.empty((room, size)), np.empty((self._lanes, self._lanes))
+        log_det = np.empty(1)
+        if loops.call("band_filter", *self._arrays, *self._sizes, room, kept, normal, log_det):
             raise np.linalg.LinAlgError("a matrix is not positive definite")
-        return found
+        return kept, normal, float(log_det[0])
 
-    def _all(self) -> tuple[Array, Array]:
-        """The elimination of all poses, and R⁻¹ before it as C takes them."""
-        if self._elimination is None:
-            self._elimination = self._eliminated(self._sizes[0])[:2]
-        weight, kept = self._elimination
-        return kept, weight
+    def _all(self) -> Array:
+        """The filter of all poses."""
+        if self._kept is None:
+            self._kept = self._filtered(self._count)[0]
+        return self._kept
 
     def told(self, theta: Array, root: Array) -> Told:
         """What the data say."""
-        count, k, _, _, lanes = self._sizes
-        size = self._columns
-        ends = np.zeros((lanes, lanes))
+        count, k, size = self._count, self._size // 6, self._columns
+        ends = np.zeros((self._lanes, self._lanes))
         ends[:size, :size], ends[:size, size], ends[size, size] = root, -theta, 1.0
-        states, scores = np.empty((count, 6 * k)), np.empty((count, 6))
-        of_poses, of_steps = np.empty((3, 2, count)), np.empty((4, 2, k, k, count - 1))
-        first = np.empty((2, k, k))
+        states, scores = np.empty((count, self._size)), np.empty((count, 6))
+        felt, of_poses = np.empty((count - 1, self._size)), np.empty((2, 2, count))
+        of_steps, crossed = np.empty((2, 2, k, k, count - 1)), np.empty((2, k, count - 1))
+        first = np.empty(2)
         loops.call(
-            "band_backward",
-            *self._all(),
-            *self._regressors,
+            "band_smooth",
+            *self._arrays,
+            *self._sizes,
+            self._all(),
             ends,
-            self._moves,
-            self._travel,
             states,
             scores,
+            felt,
             of_poses,
             of_steps,
+            crossed,
             first,
-            *self._sizes,
         )
-        weight, known, squares = of_poses
-        moved, earlier, moves, mixed = of_steps
-        return Told(states, scores, weight, known, squares, moved, earlier, moves, mixed, first)
+        squares, informed = of_poses
+        moves, moved = of_steps
+        return Told(states, scores, felt, squares, informed, moves, moved, crossed, first)
 
     def average(self, told: Told, slopes: Slopes) -> tuple[Array, Array]:
         """Twice the average information before θ is integrated out, and what both share."""
-        count, k, c, d, lanes = self._sizes
         p = len(slopes.noise)
-        found, ahead = np.empty((2 * _PARAMETERS,) * 2), np.empty((lanes, 2 * _PARAMETERS))
+        found, ahead = np.empty((2 * _PARAMETERS,) * 2), np.empty((self._lanes, 2 * _PARAMETERS))
         loops.call(
             "band_average",
-            *self._all(),
-            *self._regressors,
-            self._noise[1],
-            told.states,
-            told.scores,
-            self._moves,
-            self._precision,
-            self._step_noise,
-            self._travel,
-            self._prior,
+            *self._arrays,
+            *self._sizes,
+            self._all(),
             slopes.noise,
             slopes.moves,
-            slopes.prior,
+            p,
+            told.states,
+            told.scores,
+            told.felt,
+            np.empty((self._count, 6)),
             found,
             ahead,
-            count,
-            k,
-            p,
-            c,
-            d,
-            lanes,
         )
-        self._elimination = None  # nothing more is asked of it, most likely
         own = (np.array([[0], [_PARAMETERS]]) + np.arange(p)).ravel()
         return found[np.ix_(own, own)], ahead[: self._columns, own]
 
     def whitened(self) -> Array:
-        """By a Kalman filter."""
-        count, *sizes = self._sizes
-        begin = self._system.predicted
-        white = np.empty((count - begin, 6, self._sizes[-1]))
-        failed = loops.call(
-            "band_whiten",
-            *self._noise,
-            *self._regressors,
-            self._moves,
-            self._step_noise,
-            self._prior,
-            self._travel,
-            white,
-            begin,
-            count,
-            *sizes,
-        )
-        if failed:
-            raise np.linalg.LinAlgError("an innovation's covariance is not positive definite")
-        return white[..., : self._columns + 1]
+        """As the filter has them."""
+        size = self._size
+        white = self._all()[self._begin :, 6 * (6 + size) : 6 * (6 + size + self._lanes)]
+        return white.reshape(-1, 6, self._lanes)[..., : self._columns + 1]

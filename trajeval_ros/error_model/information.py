@@ -105,8 +105,8 @@ class Information:
         self._noise = system.covariance.copy()
         np.einsum("nii->ni", self._noise)[...] += np.repeat(system.jitter, AXES, axis=1)
         root = np.linalg.cholesky(self._noise)
-        self.noise_log_det = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum())
-        if not np.isfinite(self.noise_log_det):
+        noise_log_det = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum())
+        if not np.isfinite(noise_log_det):
             raise np.linalg.LinAlgError("a pose's covariance is not positive definite")
         self._weight = np.linalg.inv(self._noise)
         self._transition = self._assembled(system.moves)
@@ -120,7 +120,7 @@ class Information:
         own[:-1] += np.swapaxes(self._transition, 1, 2) @ onwards
         self._blocks = own, -onwards
         self._factor = Factor.of(*self._blocks)
-        self.log_det = self._factor.log_det
+        self.log_det = noise_log_det + system.process_log_det + self._factor.log_det
         both = system.both
         weighted = self._weight @ both
         right = np.zeros((self._count, size, both.shape[2]))
@@ -164,19 +164,23 @@ class Information:
         follows = f @ own[:-1]
         both = f @ after
         moved = own[1:] - both - np.swapaxes(both, 1, 2) + follows @ np.swapaxes(f, 1, 2)
-        first = columns[:1, :, :-1]
+        weight = system.precision
+        moved = self._traces(moved) + self._products(ahead[..., :-1], ahead[..., :-1])
+        earlier = self._traces(after - np.swapaxes(follows, 1, 2))
+        earlier += self._products(before, ahead)
+        last = columns[0, -PREDICTED:, :-1]
+        first = np.einsum("ii->i", own[0])[-PREDICTED:] + (last**2).sum(axis=1)
+        felt = (self._step_weight @ ahead[..., -1:])[..., 0]
         return Told(
             states,
             scores,
-            _grouped(np.einsum("nii->ni", w)),
-            _grouped(known),
+            felt,
             _grouped(scores**2),
-            self._traces(moved) + self._products(ahead[..., :-1], ahead[..., :-1]),
-            self._traces(after - np.swapaxes(follows, 1, 2))
-            + self._products(before[..., :-1], ahead[..., :-1]),
-            self._products(ahead[..., -1:], ahead[..., -1:]),
-            self._products(before[..., -1:], ahead[..., -1:]),
-            (self._traces(own[:1]) + self._products(first, first))[..., 0],
+            _grouped(np.einsum("nii->ni", w) - known),
+            self._products(felt[..., None], felt[..., None]),
+            AXES * weight - _times(_times(weight, moved), weight),
+            _times(earlier, weight)[:, -1],
+            first.reshape(2, AXES).sum(axis=1),
         )
 
     def average(self, told: Told, slopes: Slopes) -> tuple[Array, Array]:
@@ -188,8 +192,7 @@ class Information:
         back = np.zeros_like(into)
         errors = np.zeros((count, 2, AXES, 2, p))
         states = told.states.reshape(count, k, 2, AXES)
-        moves = told.states[1:] - (f @ told.states[:-1, :, None])[..., 0]
-        felt = (self._step_weight @ moves[..., None]).reshape(-1, k, 2, AXES)
+        felt = told.felt.reshape(-1, k, 2, AXES)
         for g in range(2):
             of_noise, of_moves = slopes.noise[:, g], slopes.moves[g]
             each = np.einsum("jcdn,nda->ncaj", of_noise, felt[:, :, g])
@@ -248,6 +251,10 @@ class Information:
 def _rows(columns: Array) -> Array:
     """Columns (n, m, c) of all poses below each other, (n m, c)."""
     return columns.reshape(-1, columns.shape[-1])
+
+
+def _times(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("gabn,gbcn->gacn", a, b))
 
 
 def _grouped(values: Array) -> Array:

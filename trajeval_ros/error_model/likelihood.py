@@ -28,7 +28,7 @@ import numpy.typing as npt
 from trajeval_ros.error_model.band import regressed
 from trajeval_ros.error_model.factored import ROUND_OFF
 from trajeval_ros.error_model.process import Kind, steps
-from trajeval_ros.error_model.system import AXES, Slopes, System, Told, inverse
+from trajeval_ros.error_model.system import AXES, PREDICTED, Slopes, System, Told, inverse
 
 Array = npt.NDArray[np.float64]
 
@@ -91,12 +91,9 @@ class Likelihood:
             noise,
             precision,
             np.stack([step.prior for step in self._steps]),
+            AXES * (process_log_det - sum(step.log_prior for step in self._steps)),
         )
         self._regressed = regressed(self._system)
-        prior = AXES * sum(step.log_prior for step in self._steps)
-        self._states_log_det = (
-            self._regressed.noise_log_det + AXES * process_log_det - prior + self._regressed.log_det
-        )
         self._integrate()
 
     def _integrate(self) -> None:
@@ -117,7 +114,7 @@ class Likelihood:
         self.dof = 6 * self.count - (0 if bounded else 6)
         self.value = -0.5 * (
             self.chi2
-            + self._states_log_det
+            + self._regressed.log_det
             + self._schur_log_det
             + (self.dof - len(self.theta)) * _LOG_2PI
         )
@@ -126,7 +123,9 @@ class Likelihood:
         if bounded:
             gauge = schur[count:, count:]
             of_gauge = float(np.linalg.slogdet(gauge)[1]) - len(gauge) * _LOG_2PI
-        self.at_theta = -0.5 * (self.chi2 + self._states_log_det + self.dof * _LOG_2PI + of_gauge)
+        self.at_theta = -0.5 * (
+            self.chi2 + self._regressed.log_det + self.dof * _LOG_2PI + of_gauge
+        )
 
     @cached_property
     def told(self) -> Told:
@@ -149,17 +148,15 @@ class Likelihood:
 
     def scores(self) -> Array:
         """What each pose, with the step that leads to it, adds to the gradient; (N, 2, p)."""
-        told, slopes, weight = self.told, self._slopes, self._system.precision
+        told, slopes = self.told, self._slopes
         found: Array = np.zeros((2, len(self.kind.names), self.count))
-        found[:, 0] = self._system.jitter.T * (told.squares - told.weight + told.known)
-        moments, mixed = told.moves + told.moved, told.mixed + told.earlier
-        information = _times(_times(weight, moments), weight) - AXES * weight
-        found[..., 1:] += 0.5 * np.einsum("jgcdn,gcdn->gjn", slopes.noise, information)
-        found[:, -1, 1:] += np.einsum("gcdn,gdcn->gn", slopes.moves, _times(mixed, weight))
-        state = told.states[0].reshape(-1, 2, AXES)
-        begin = np.einsum("cga,dga->gcd", state, state) + told.first
+        found[:, 0] = self._system.jitter.T * (told.squares - told.informed)
+        found[..., 1:] += 0.5 * np.einsum("gcdn,jgcdn->gjn", told.moves - told.moved, slopes.noise)
+        found[:, -1, 1:] += np.einsum("gcn,gcn->gn", slopes.moves[:, :, -1], told.crossed)
+        last = told.states[0, -PREDICTED:].reshape(2, AXES)
+        begin = (last**2).sum(axis=1) + told.first
         found[..., 0] += 0.5 * AXES * np.stack([step.slope_log_prior for step in self._steps])
-        found[..., 0] -= 0.5 * np.einsum("jgcd,gcd->gj", slopes.prior, begin)
+        found[..., 0] -= 0.5 * slopes.prior[:, :, -1, -1].T * begin[:, None]
         return np.moveaxis(found, -1, 0)
 
     def average_information(self) -> Array:
@@ -183,21 +180,20 @@ class Likelihood:
         For each, (N, 2) and (N - 1, 2), by group: the square of the generalised least squares
         estimate over the three axes, and its variance on one axis beside the disturbance's own.
         """
-        told = self.told
-        row = self._system.precision[:, 0]
-        felt, taken = (
-            np.einsum("gcn,gcdn,gdn->gn", row, each, row) for each in (told.moves, told.moved)
-        )
+        told, system = self.told, self._system
+        variances = np.einsum("nii->ni", system.covariance).reshape(-1, 2, AXES)
+        of_noise = 1.0 / (variances.mean(axis=2) + system.jitter)
         answers = []
-        for square, information, most, own in (
+        for square, informed, most, own in (
+            (told.squares, told.informed, of_noise.T, system.jitter.T),
             (
-                told.squares,
-                (told.weight - told.known) / AXES,
-                told.weight / AXES,
-                self._system.jitter.T,
+                told.moves[:, 0, 0],
+                told.moved[:, 0, 0],
+                system.precision[:, 0, 0],
+                system.noise[:, 0, 0],
             ),
-            (felt, row[:, 0] - taken / AXES, row[:, 0], self._system.noise[:, 0, 0]),
         ):
+            information = informed / AXES
             # Below this share of what it is taken from, it is round-off.
             mean = np.maximum(np.maximum(information, ROUND_OFF * most), 1e-100)
             # Errors of absurd data are bounded before they are squared.
@@ -231,10 +227,6 @@ class Likelihood:
         white = self._regressed.whitened()
         columns = white[..., :-1]
         return columns, white[..., -1] - columns @ self.theta
-
-
-def _times(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("gabn,gbcn->gacn", a, b))
 
 
 def clustered_ratio(columns: Array, white: Array, covariance: Array, blocks: int) -> Array:

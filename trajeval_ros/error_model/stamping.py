@@ -106,7 +106,7 @@ def shared_scatter(here: Likelihood) -> float | None:
     position, orientation = (told.scores[:, None, part] @ axes for part in (slice(3), slice(3, 6)))
     # A step of one second has this product of what it moves and what it turns, (N, 3, 3).
     step = velocity.swapaxes(1, 2) @ turning
-    known = np.maximum(told.weight - told.known, 0.0) / AXES
+    known = np.maximum(told.informed, 0.0) / AXES
     weight = known[0] * known[1]
     varied = step - np.average(step, axis=0, weights=np.maximum(weight, 1e-300))
     size = float(weight @ np.einsum("nij,nij->n", varied, step))

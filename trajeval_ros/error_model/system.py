@@ -31,7 +31,8 @@ class System:
     covariance: V (N, 6, 6), and jitter, the variances by group (N, 2), beside it: R. nuisances
     (N, 6, c) and gauge (N, 6, d): K. errors: z (N, 6). travel: what headings turn, (N - 1, 3).
     moves, noise, precision: F, Q and Q⁻¹ of each group, (2, k, k, N - 1). prior: the precision of
-    the first states, (2, k, k), zero where they are free.
+    the first states, (2, k, k), zero where they are free. process_log_det: of all states'
+    covariance by the process, free ones left out.
     """
 
     covariance: Array
@@ -44,6 +45,7 @@ class System:
     noise: Array
     precision: Array
     prior: Array
+    process_log_det: float
 
     @property
     def columns(self) -> Array:
@@ -80,35 +82,34 @@ class Slopes:
 class Told:
     """What the data say, θ being what it is with the covariance that it has.
 
-    states: (N, m). scores: ``R⁻¹ (z - s - K θ)``, (N, 6). Sums over the three axes of each group:
+    states: (N, m). scores: ``R⁻¹ (z - s - K θ)``, (N, 6), and felt, those of the steps' moves,
+    ``Q⁻¹ w``, (N - 1, m). Sums over the three axes of each group:
 
-    weight, known, squares: of R⁻¹, of the scores' covariance, of their squares; (2, N).
-    moved, earlier: the covariance of the moves, and of the states with those that follow; moves,
-    mixed: the products of these as estimated; (2, k, k, N - 1). first: the covariance of the first
-    states, (2, k, k).
+    squares, informed: of the scores of poses, the squares and the variances; (2, N). moves, moved:
+    of those of steps, the products and the covariance; (2, k, k, N - 1). crossed: of the last
+    component of the states with the scores of the steps that follow, the products less the
+    covariance; (2, k, N - 1). first: the variance of this component at the first pose, (2,).
     """
 
     states: Array
     scores: Array
-    weight: Array
-    known: Array
+    felt: Array
     squares: Array
-    moved: Array
-    earlier: Array
+    informed: Array
     moves: Array
-    mixed: Array
+    moved: Array
+    crossed: Array
     first: Array
 
 
 class Regressed(Protocol):
     """A system with its states integrated out.
 
-    normal: the normal equations of K and z without them, (c + d + 1, c + d + 1). noise_log_det,
-    log_det: of all R, and of the information of the states.
+    normal: the normal equations of K and z without them, (c + d + 1, c + d + 1). log_det: of the
+    covariance of the errors, what is free projected out.
     """
 
     normal: Array
-    noise_log_det: float
     log_det: float
 
     def told(self, theta: Array, root: Array) -> Told:

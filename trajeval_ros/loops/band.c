@@ -6,13 +6,21 @@
  *
  *     z_i = s_i[:6] + K_i theta + r_i,  r_i ~ N(0, R_i);  s_(i+1) = F_i s_i + w_i,  w_i ~ N(0, Q_i)
  *
- * The information of all states is block-tridiagonal, U' U with U_i on the diagonal and X_i beside
- * it. Going forwards, one elimination a pose does it all: of the rows [Lambda_i | B_i' | right],
+ * Kalman's filter of the columns [K | z], and the smoother of its disturbances (de Jong). With P the
+ * covariance of s_i before pose i is seen, H = [1 0], S = R + H P H' = U' U and G = P H' S^-1,
  *
- *     [U_i | X_i | f_i] = U_i^-T [Lambda_i - X_(i-1)' X_(i-1) | B_i' | right_i - X_(i-1)' f_(i-1)].
+ *     W = U^-T ([K | z] - H x),  x <- x + G U' W,  C = (1 - G H) P,  then  x <- F x,  P <- F C F' + Q
  *
- * Lanes are columns of the right-hand side, as many as a multiple of LANES, zero beyond those asked
- * for; so a sum over poses or states adds lane by lane, in one order.
+ * and back, from r = 0 and N = 0 after the last,  b = F' r,  B = F' N F,
+ *
+ *     u = R^-1 (residual) = U^-1 W - G' b,  r <- b + H' u,  N <- (1 - G H)' B (1 - G H) + H' S^-1 H
+ *
+ * where r is Q^-1 w of the step that leads to pose i, and N the variance of that score. A first
+ * position that is flat is as the first pose says, S^-1 = 0. Neither Q nor what grows with it is
+ * inverted, and no variance of a pose is a difference: digits stay however small R or Q is.
+ *
+ * Lanes are columns, as many as a multiple of LANES, zero beyond those asked for; so a sum over
+ * poses or states adds lane by lane, in one order.
  */
 #include <float.h>
 #include <string.h>
@@ -25,6 +33,7 @@
 #define STATES (POSE * COMPONENTS)
 #define LANES 4
 #define MOST_LANES 32
+#define PADDED 8      /* POSE, as a multiple of LANES */
 #define PARAMETERS 4  /* of one group, at the most */
 #define BOTH (2 * PARAMETERS)
 
@@ -35,10 +44,10 @@
 #define ROLLED
 #endif
 
-/* One step of the process: F and Q^-1 of each group, (2, k, k), and what the position goes. */
+/* One step of the process: F and Q of each group, (2, k, k), and what the position goes. */
 typedef struct {
     double move[2][COMPONENTS][COMPONENTS];
-    double precision[2][COMPONENTS][COMPONENTS];
+    double noise[2][COMPONENTS][COMPONENTS];
     double travel[AXES];
 } Step;
 
@@ -50,16 +59,6 @@ LOOPS_PART void load(const double *values, int64_t i, int64_t n, int64_t k,
         for (int64_t c = 0; c < k; c++)
             for (int64_t d = 0; d < k; d++)
                 into[g][c][d] = values[((g * k + c) * k + d) * n + i];
-}
-
-LOOPS_PART Step step_of(const double *moves, const double *precision, const double *travel,
-                        int64_t i, int64_t n, int64_t k)
-{
-    Step step;
-    load(moves, i, n, k, step.move);
-    load(precision, i, n, k, step.precision);
-    memcpy(step.travel, travel + AXES * i, sizeof step.travel);
-    return step;
 }
 
 /* The row of a component's state of a group on an axis. */
@@ -149,19 +148,58 @@ LOOPS_PART void substitute(const double *u, int64_t stride, double *b, int64_t m
     }
 }
 
+/* U^-T B of B (m, width) in place; U (m, m) upper, its rows ``stride`` apart. */
+LOOPS_PART void substitute_forward(const double *u, int64_t stride, double *b, int64_t m,
+                                   int64_t width)
+{
+    for (int64_t r = 0; r < m; r++) {
+        for (int64_t q = 0; q < r; q++)
+            take(b + r * width, u[q * stride + r], b + q * width, width);
+        times(b + r * width, 1.0 / u[r * stride + r], width);
+    }
+}
+
+/* A B of A (m, n), its rows ``stride`` apart, and B (n, width). */
+LOOPS_PART void multiplied(const double *a, int64_t stride, const double *b, double *into,
+                           int64_t m, int64_t n, int64_t width)
+{
+    memset(into, 0, sizeof(double) * (size_t)(m * width));
+    for (int64_t r = 0; r < m; r++)
+        for (int64_t q = 0; q < n; q++)
+            add(into + r * width, a[r * stride + q], b + q * width, width);
+}
+
+/* What round-off makes of a symmetric matrix (m, m) is made one again. */
+LOOPS_PART void symmetrise(double *a, int64_t m)
+{
+    for (int64_t r = 0; r < m; r++)
+        for (int64_t q = 0; q < r; q++)
+            a[r * m + q] = a[q * m + r] = 0.5 * (a[r * m + q] + a[q * m + r]);
+}
+
+/* A' of A (m, m). */
+LOOPS_PART void transpose(const double *a, double *into, int64_t m)
+{
+    for (int64_t r = 0; r < m; r++)
+        for (int64_t q = 0; q < m; q++)
+            into[q * m + r] = a[r * m + q];
+}
+
 /* Add P A, or P' A, of A (m, width) to ``into``, P block-diagonal as a group's (2, k, k) on each
- * axis. */
+ * axis. Much of a process is nothing. */
 LOOPS_PART void add_weighed(const double p[2][COMPONENTS][COMPONENTS], int transposed,
                             const double *a, double *into, int64_t k, int64_t width)
 {
     for (int64_t c = 0; c < k; c++)
         for (int64_t d = 0; d < k; d++)
-            for (int64_t g = 0; g < 2; g++)
-                for (int64_t x = 0; x < AXES; x++) {
-                    const int64_t to = transposed ? d : c, from = transposed ? c : d;
-                    add(into + row_of(to, g, x) * width, p[g][c][d], a + row_of(from, g, x) * width,
-                        width);
-                }
+            for (int64_t g = 0; g < 2; g++) {
+                if (p[g][c][d] == 0.0)
+                    continue;
+                const int64_t to = transposed ? d : c, from = transposed ? c : d;
+                /* The axes lie next to each other. */
+                add(into + row_of(to, g, 0) * width, p[g][c][d], a + row_of(from, g, 0) * width,
+                    AXES * width);
+            }
 }
 
 /* F A of A (m, width); headings, rows 3 to 5, turn what the position goes. */
@@ -188,14 +226,6 @@ LOOPS_PART void add_moved_back(const Step *step, const double *a, double *into, 
     }
 }
 
-/* P A of A (m, width), P as of add_weighed. */
-LOOPS_PART void weigh(double p[2][COMPONENTS][COMPONENTS], const double *a, double *into, int64_t k,
-                      int64_t width)
-{
-    memset(into, 0, sizeof(double) * (size_t)(POSE * k * width));
-    add_weighed(p, 0, a, into, k, width);
-}
-
 /* Add P, (2, k, k) on each axis, to rows (m, m) that are ``width`` apart. */
 LOOPS_PART void add_groups(double p[2][COMPONENTS][COMPONENTS], double *rows, int64_t k,
                            int64_t width)
@@ -207,215 +237,7 @@ LOOPS_PART void add_groups(double p[2][COMPONENTS][COMPONENTS], double *rows, in
                     rows[row_of(c, g, x) * width + row_of(d, g, x)] += p[g][c][d];
 }
 
-/* The unit matrix (m, m) in rows that are ``width`` apart. */
-LOOPS_PART void unit(double *rows, int64_t m, int64_t width)
-{
-    for (int64_t r = 0; r < m; r++) {
-        for (int64_t c = 0; c < m; c++)
-            rows[r * width + c] = 0.0;
-        rows[r * width + r] = 1.0;
-    }
-}
-
-/* What is regressed of a pose, [K_i | gauge_i | z_i | 0] of (6, lanes), in rows ``width`` apart. */
-typedef struct {
-    const double *nuisances; /* (N, 6, c) */
-    const double *gauge;     /* (N, 6, d) */
-    const double *errors;    /* (N, 6) */
-    int64_t c, d;
-} Columns;
-
-LOOPS_PART void columns_of(const Columns *columns, int64_t i, double *rows, int64_t lanes,
-                           int64_t width)
-{
-    int64_t c = columns->c, d = columns->d;
-    for (int64_t r = 0; r < POSE; r++) {
-        double *row = rows + r * width;
-        memcpy(row, columns->nuisances + (POSE * i + r) * c, sizeof(double) * (size_t)c);
-        memcpy(row + c, columns->gauge + (POSE * i + r) * d, sizeof(double) * (size_t)d);
-        row[c + d] = columns->errors[POSE * i + r];
-        for (int64_t l = c + d + 1; l < lanes; l++)
-            row[l] = 0.0;
-    }
-}
-
-/* R_i = V_i + J_i in rows that are ``width`` apart. */
-LOOPS_PART void noise_of(const double *covariance, const double *jitter, int64_t i, double *rows,
-                         int64_t width)
-{
-    for (int64_t r = 0; r < POSE; r++) {
-        memcpy(rows + r * width, covariance + (POSE * i + r) * POSE, sizeof(double) * POSE);
-        rows[r * width + r] += jitter[2 * i + r / AXES];
-    }
-}
-
-LOOPS_PART int forward(const double *covariance, const double *jitter, const Columns *columns,
-                       const double *moves, const double *precision, const double *prior,
-                       const double *travel, double *weight, double *kept, double *normal,
-                       double *log_dets, int64_t room, int64_t count, int64_t k, int64_t lanes)
-{
-    const int64_t m = POSE * k, width = 2 * m + lanes, wide = 2 * POSE + lanes;
-    double noise[POSE * (2 * POSE + MOST_LANES)], pushed[STATES * STATES], one[STATES * STATES];
-    double first[2][COMPONENTS][COMPONENTS];
-    Logarithm of_noise = {1.0, 0}, of_states = {1.0, 0};
-    unit(one, m, m);
-    load(prior, 0, 1, k, first);
-    memset(normal, 0, sizeof(double) * (size_t)(lanes * lanes));
-    memset(kept, 0, sizeof(double) * (size_t)(m * width));
-    add_groups(first, kept, k, width);
-    for (int64_t i = 0; i < count; i++) {
-        double *rows = kept + i % room * m * width, *w = weight + i % room * POSE * POSE;
-        /* [R | 1 | K] -> [N | E | G]; R^-1 = E' E, R^-1 K = E' G. */
-        noise_of(covariance, jitter, i, noise, wide);
-        unit(noise + POSE, POSE, wide);
-        columns_of(columns, i, noise + 2 * POSE, lanes, wide);
-        if (eliminate(noise, POSE, wide, &of_noise))
-            return 1;
-        memset(w, 0, sizeof(double) * POSE * POSE);
-        for (int64_t q = 0; q < POSE; q++) {
-            const double *e = noise + q * wide + POSE, *g = e + POSE;
-            for (int64_t r = 0; r <= q; r++) {
-                add(w + r * POSE, e[r], e, POSE);
-                add(rows + r * width + 2 * m, e[r], g, lanes);
-            }
-            for (int64_t r = 0; r < lanes; r++)
-                add(normal + r * lanes, g[r], g, lanes);
-        }
-        for (int64_t r = 0; r < POSE; r++)
-            add(rows + r * width, 1.0, w + r * POSE, POSE);
-        double *next = kept + (i + 1) % room * m * width;
-        Step step;
-        if (i + 1 < count) {
-            step = step_of(moves, precision, travel, i, count - 1, k);
-            memset(next, 0, sizeof(double) * (size_t)(m * width));
-            add_groups(step.precision, next, k, width);
-            /* B = -Q^-1 F, and F' Q^-1 F. */
-            double f[STATES * STATES];
-            move(&step, one, f, k, m);
-            weigh(step.precision, f, pushed, k, m);
-            for (int64_t r = 0; r < m; r++)
-                for (int64_t q = 0; q < m; q++)
-                    rows[q * width + m + r] = -pushed[r * m + q];
-            memset(f, 0, sizeof(double) * (size_t)(m * m));
-            add_moved_back(&step, pushed, f, k, m);
-            for (int64_t r = 0; r < m; r++)
-                add(rows + r * width, 1.0, f + r * m, m);
-        }
-        if (eliminate(rows, m, width, &of_states))
-            return 1;
-        for (int64_t q = 0; q < m; q++) {
-            const double *x = rows + q * width + m, *f = x + m;
-            if (i + 1 < count)
-                for (int64_t r = 0; r < m; r++) {
-                    take(next + r * width, x[r], x, m);
-                    take(next + r * width + 2 * m, x[r], f, lanes);
-                }
-            for (int64_t r = 0; r < lanes; r++)
-                take(normal + r * lanes, f[r], f, lanes);
-        }
-    }
-    log_dets[0] = logarithm(&of_noise);
-    log_dets[1] = logarithm(&of_states);
-    return 0;
-}
-
-/* The elimination of all poses.
- *
- * covariance: V (N, 6, 6). jitter: (N, 2), by group. nuisances, gauge, errors: (N, 6, c), (N, 6, d)
- * and (N, 6). moves, precision: F and Q^-1 (2, k, k, N - 1). prior: of the first states, (2, k, k).
- * travel: (N - 1, 3). weight: R^-1 (room, 6, 6), and kept: [U | X | f] (room, m, 2 m + lanes),
- * with room for all poses, or for two at the least. normal: the normal equations without the
- * states, (lanes, lanes). log_dets: of R and of Lambda, (2).
- * Returns 1 where one of them is not positive definite.
- */
-LOOPS_WIDE int band_forward(const double *covariance, const double *jitter, const double *nuisances,
-                            const double *gauge, const double *errors, const double *moves,
-                            const double *precision, const double *prior, const double *travel,
-                            double *weight, double *kept, double *normal, double *log_dets,
-                            int64_t room, int64_t count, int64_t k, int64_t c, int64_t d,
-                            int64_t lanes)
-{
-    const Columns columns = {nuisances, gauge, errors, c, d};
-    if (k == 1)
-        return forward(covariance, jitter, &columns, moves, precision, prior, travel, weight, kept,
-                       normal, log_dets, room, count, 1, lanes);
-    return forward(covariance, jitter, &columns, moves, precision, prior, travel, weight, kept,
-                   normal, log_dets, room, count, 2, lanes);
-}
-
-/* U^-T B of B (m, width) in place; U (m, m) upper, its rows ``stride`` apart. */
-LOOPS_PART void substitute_forward(const double *u, int64_t stride, double *b, int64_t m,
-                                   int64_t width)
-{
-    for (int64_t r = 0; r < m; r++) {
-        for (int64_t q = 0; q < r; q++)
-            take(b + r * width, u[q * stride + r], b + q * width, width);
-        times(b + r * width, 1.0 / u[r * stride + r], width);
-    }
-}
-
-/* A B of A (m, n), its rows ``stride`` apart, and B (n, width). */
-LOOPS_PART void multiplied(const double *a, int64_t stride, const double *b, double *into,
-                           int64_t m, int64_t n, int64_t width)
-{
-    memset(into, 0, sizeof(double) * (size_t)(m * width));
-    for (int64_t r = 0; r < m; r++)
-        for (int64_t q = 0; q < n; q++)
-            add(into + r * width, a[r * stride + q], b + q * width, width);
-}
-
-LOOPS_PART void transpose(const double *a, double *into, int64_t m)
-{
-    for (int64_t r = 0; r < m; r++)
-        for (int64_t q = 0; q < m; q++)
-            into[q * m + r] = a[r * m + q];
-}
-
-/* What is known of a pose and of that before: covariances and columns of their states. */
-typedef struct {
-    double own[STATES * STATES];   /* S_i */
-    double after[STATES * STATES]; /* S_(i,i+1) */
-    double columns[STATES * MOST_LANES];
-} Known;
-
-/* Of pose i, given that of i + 1 (nothing, for the last); [U | X | f root] are its rows. */
-LOOPS_PART void go_back(const double *rows, const double *root, const Known *next, Known *here,
-                        int64_t m, int64_t lanes)
-{
-    const int64_t width = 2 * m + lanes;
-    double right[STATES * (2 * STATES + MOST_LANES)], turned[STATES * STATES];
-    double y[STATES * STATES], inverse[STATES * STATES];
-    /* [U^-1 | Y = U^-1 X | U^-1 f root] */
-    for (int64_t r = 0; r < m; r++) {
-        double *row = right + r * width;
-        const double *f = rows + r * width + 2 * m;
-        memset(row, 0, sizeof(double) * (size_t)width);
-        row[r] = 1.0;
-        memcpy(row + m, rows + r * width + m, sizeof(double) * (size_t)m);
-        for (int64_t q = 0; q < lanes; q++)
-            add(row + 2 * m, f[q], root + q * lanes, lanes);
-    }
-    substitute(rows, width, right, m, width);
-    for (int64_t r = 0; r < m; r++) {
-        memcpy(inverse + r * m, right + r * width, sizeof(double) * (size_t)m);
-        memcpy(y + r * m, right + r * width + m, sizeof(double) * (size_t)m);
-    }
-    transpose(inverse, turned, m);
-    multiplied(inverse, m, turned, here->own, m, m, m);
-    multiplied(y, m, next->own, here->after, m, m, m);
-    transpose(y, turned, m);
-    for (int64_t r = 0; r < m; r++) {
-        double *column = here->columns + r * lanes;
-        for (int64_t q = 0; q < m; q++)
-            add(here->own + r * m, here->after[r * m + q], turned + q * m, m);
-        times(here->after + r * m, -1.0, m);
-        memcpy(column, right + r * width + 2 * m, sizeof(double) * (size_t)lanes);
-        for (int64_t q = 0; q < m; q++)
-            take(column, y[r * m + q], next->columns + q * lanes, lanes);
-    }
-}
-
-/* Row r of F, as those of A times it: sum of F[r, q] A[q]. */
+/* F a of a vector a (m), in one row. */
 LOOPS_PART double moved_of(const Step *step, const double *a, int64_t d, int64_t g, int64_t x,
                            int64_t k)
 {
@@ -429,399 +251,592 @@ LOOPS_PART double moved_of(const Step *step, const double *a, int64_t d, int64_t
     return sum;
 }
 
-LOOPS_PART void backward(const double *kept, const double *weight, const Columns *columns,
-                         const double *root, const double *moves, const double *travel,
-                         double *states, double *scores, double *of_poses, double *of_steps,
-                         double *first, int64_t count, int64_t k, int64_t lanes)
+/* The system, of N poses (`System` in error_model/system.py). */
+typedef struct {
+    const double *covariance; /* V, (N, 6, 6) */
+    const double *jitter;     /* variances beside it, (N, 2) */
+    const double *nuisances;  /* (N, 6, c) */
+    const double *gauge;      /* (N, 6, d) */
+    const double *errors;     /* (N, 6) */
+    const double *moves;      /* F, (2, k, k, N - 1) */
+    const double *noise;      /* Q, (2, k, k, N - 1) */
+    const double *prior;      /* the precision of the first states, (2, k, k) */
+    const double *travel;     /* (N - 1, 3) */
+    int64_t count, c, d;
+} System;
+
+LOOPS_PART Step step_of(const System *system, int64_t i, int64_t k)
 {
-    const int64_t m = POSE * k, width = 2 * m + lanes, n = count - 1, at = columns->c + columns->d;
-    const int64_t part = 2 * k * k * n;
-    Known both[2];
-    memset(&both[count % 2], 0, sizeof both[0]);
-    for (int64_t i = count - 1; i >= 0; i--) {
-        Known *here = &both[i % 2], *next = &both[(i + 1) % 2];
-        const double *w = weight + i * POSE * POSE;
-        double seen[POSE * MOST_LANES], rest[POSE * MOST_LANES], known[POSE * POSE];
-        double own[POSE * POSE];
-        go_back(kept + i * m * width, root, next, here, m, lanes);
-        columns_of(columns, i, seen, lanes, lanes);
-        multiplied(seen, lanes, root, rest, POSE, lanes, lanes);
-        for (int64_t r = 0; r < POSE; r++) {
-            add(rest + r * lanes, -1.0, here->columns + r * lanes, lanes);
-            memcpy(own + r * POSE, here->own + r * m, sizeof(double) * POSE);
-        }
-        multiplied(w, POSE, rest, seen, POSE, POSE, lanes);
-        multiplied(w, POSE, own, known, POSE, POSE, POSE);
-        for (int64_t g = 0; g < 2; g++) {
-            double trace = 0.0, told = 0.0, square = 0.0;
-            for (int64_t r = AXES * g; r < AXES * (g + 1); r++) {
-                double score = seen[r * lanes + at];
-                scores[POSE * i + r] = score;
-                seen[r * lanes + at] = 0.0;
-                trace += w[r * POSE + r];
-                square += score * score;
-                for (int64_t q = 0; q < POSE; q++)
-                    told += known[r * POSE + q] * w[r * POSE + q];
-                told += product(seen + r * lanes, seen + r * lanes, lanes);
-            }
-            of_poses[g * count + i] = trace;
-            of_poses[(2 + g) * count + i] = told;
-            of_poses[(4 + g) * count + i] = square;
-        }
-        for (int64_t r = 0; r < m; r++)
-            states[m * i + r] = here->columns[r * lanes + at];
-        if (i + 1 == count)
-            continue;
-        Step step = {0};
-        double spread[STATES * STATES], across[STATES * STATES], ahead[STATES * MOST_LANES];
-        double went[STATES], was[STATES * MOST_LANES];
-        load(moves, i, n, k, step.move);
-        memcpy(step.travel, travel + AXES * i, sizeof step.travel);
-        move(&step, here->own, spread, k, m);
-        move(&step, here->after, across, k, m);
-        move(&step, here->columns, ahead, k, lanes);
-        memcpy(was, here->columns, sizeof(double) * (size_t)(m * lanes));
-        for (int64_t r = 0; r < m; r++) {
-            double *row = ahead + r * lanes;
-            for (int64_t l = 0; l < lanes; l++)
-                row[l] = next->columns[r * lanes + l] - row[l];
-            went[r] = row[at];
-            row[at] = was[r * lanes + at] = 0.0;
-        }
-        for (int64_t g = 0; g < 2; g++)
-            for (int64_t c = 0; c < k; c++)
-                for (int64_t d = 0; d < k; d++) {
-                    double moved = 0.0, earlier = 0.0, squares = 0.0, mixed = 0.0;
-                    for (int64_t x = 0; x < AXES; x++) {
-                        int64_t r = row_of(c, g, x), q = row_of(d, g, x);
-                        moved += next->own[r * m + q] - across[r * m + q] - across[q * m + r];
-                        moved += moved_of(&step, spread + r * m, d, g, x, k);
-                        moved += product(ahead + r * lanes, ahead + q * lanes, lanes);
-                        earlier += here->after[r * m + q] - spread[q * m + r];
-                        earlier += product(was + r * lanes, ahead + q * lanes, lanes);
-                        squares += went[r] * went[q];
-                        mixed += states[m * i + r] * went[q];
-                    }
-                    double *into = of_steps + ((g * k + c) * k + d) * n + i;
-                    into[0] = moved;
-                    into[part] = earlier;
-                    into[2 * part] = squares;
-                    into[3 * part] = mixed;
-                }
+    Step step;
+    load(system->moves, i, system->count - 1, k, step.move);
+    load(system->noise, i, system->count - 1, k, step.noise);
+    memcpy(step.travel, system->travel + AXES * i, sizeof step.travel);
+    return step;
+}
+
+/* Whether the first position is flat. */
+LOOPS_PART int is_flat(const System *system)
+{
+    return !(system->prior[0] > 0.0);
+}
+
+/* What is regressed of a pose, [K_i | gauge_i | z_i | 0] of (6, lanes), in rows ``width`` apart. */
+LOOPS_PART void columns_of(const System *system, int64_t i, double *rows, int64_t lanes,
+                           int64_t width)
+{
+    int64_t c = system->c, d = system->d;
+    for (int64_t r = 0; r < POSE; r++) {
+        double *row = rows + r * width;
+        memcpy(row, system->nuisances + (POSE * i + r) * c, sizeof(double) * (size_t)c);
+        memcpy(row + c, system->gauge + (POSE * i + r) * d, sizeof(double) * (size_t)d);
+        row[c + d] = system->errors[POSE * i + r];
+        for (int64_t l = c + d + 1; l < lanes; l++)
+            row[l] = 0.0;
     }
-    Known *begin = &both[0];
-    for (int64_t r = 0; r < m; r++)
-        begin->columns[r * lanes + at] = 0.0;
+}
+
+/* R_i = V_i + J_i in rows that are ``width`` apart. */
+LOOPS_PART void noise_of(const System *system, int64_t i, double *rows, int64_t width)
+{
+    for (int64_t r = 0; r < POSE; r++) {
+        memcpy(rows + r * width, system->covariance + (POSE * i + r) * POSE, sizeof(double) * POSE);
+        rows[r * width + r] += system->jitter[2 * i + r / AXES];
+    }
+}
+
+/* What is kept of a pose, as numbers from its begin. */
+typedef struct {
+    int64_t root;     /* U, (6, 6) */
+    int64_t gain;     /* U^-T H P, (6, m) */
+    int64_t white;    /* W, (6, lanes) */
+    int64_t known;    /* C of the velocities, (6, 6) */
+    int64_t velocity; /* x of them, (6, lanes) */
+    int64_t size;
+} Places;
+
+LOOPS_PART Places places_of(int64_t k, int64_t lanes)
+{
+    Places at = {.gain = POSE * POSE};
+    at.white = at.gain + POSE * POSE * k;
+    at.known = at.white + POSE * lanes;
+    at.velocity = at.known + (k > 1 ? POSE * POSE : 0);
+    at.size = at.velocity + (k > 1 ? POSE * lanes : 0);
+    return at;
+}
+
+/* The size of what is kept of a pose. */
+int64_t band_size(int64_t k, int64_t lanes)
+{
+    return places_of(k, lanes).size;
+}
+
+/* P of the first states, what is flat of them left out, (m, m). */
+LOOPS_PART void first_known(const System *system, double *known, int64_t k)
+{
+    double prior[2][COMPONENTS][COMPONENTS];
+    load(system->prior, 0, 1, k, prior);
     for (int64_t g = 0; g < 2; g++)
         for (int64_t c = 0; c < k; c++)
-            for (int64_t d = 0; d < k; d++) {
-                double sum = 0.0;
-                for (int64_t x = 0; x < AXES; x++) {
-                    int64_t r = row_of(c, g, x), q = row_of(d, g, x);
-                    sum += begin->own[r * m + q];
-                    sum += product(begin->columns + r * lanes, begin->columns + q * lanes, lanes);
-                }
-                first[(g * k + c) * k + d] = sum;
+            prior[g][c][c] = prior[g][c][c] > 0.0 ? 1.0 / prior[g][c][c] : 0.0;
+    memset(known, 0, sizeof(double) * (size_t)(POSE * k * POSE * k));
+    add_groups(prior, known, k, POSE * k);
+}
+
+/* What is known of the states, P -> C and x, with a pose; gain = U^-T H P. */
+LOOPS_PART void update(const double *noise, const double *root, const double *gain,
+                       const double *white, double *known, double *x, int64_t k, int64_t lanes)
+{
+    const int64_t m = POSE * k;
+    double g[POSE * STATES], seen[POSE * STATES];
+    for (int64_t q = 0; q < POSE; q++)
+        for (int64_t r = 0; r < m; r++)
+            add(x + r * lanes, gain[q * m + r], white + q * lanes, lanes);
+    /* H C = R G', no difference; of what the pose does not see, C = P - gain' gain. */
+    memcpy(g, gain, sizeof(double) * (size_t)(POSE * m));
+    substitute(root, POSE, g, POSE, m);
+    multiplied(noise, POSE, g, seen, POSE, POSE, m);
+    for (int64_t r = POSE; r < m; r++)
+        for (int64_t q = 0; q < POSE; q++)
+            take(known + r * m, gain[q * m + r], gain + q * m, m);
+    for (int64_t r = 0; r < POSE; r++) {
+        for (int64_t q = 0; q < POSE; q++)
+            known[r * m + q] = 0.5 * (seen[r * m + q] + seen[q * m + r]);
+        for (int64_t q = POSE; q < m; q++)
+            known[r * m + q] = known[q * m + r] = seen[r * m + q];
+    }
+}
+
+/* The states one step on: F C F' + Q and F x. */
+LOOPS_PART void predict(const Step *step, double *known, double *x, int64_t k, int64_t lanes)
+{
+    const int64_t m = POSE * k;
+    double moved[STATES * STATES], turned[STATES * STATES], went[STATES * MOST_LANES];
+    double noise[2][COMPONENTS][COMPONENTS];
+    move(step, known, moved, k, m);
+    transpose(moved, turned, m);
+    move(step, turned, known, k, m);
+    memcpy(noise, step->noise, sizeof noise);
+    add_groups(noise, known, k, m);
+    symmetrise(known, m);
+    move(step, x, went, k, lanes);
+    memcpy(x, went, sizeof(double) * (size_t)(m * lanes));
+}
+
+LOOPS_PART int filter(const System *system, double *kept, double *normal, double *log_det,
+                      int64_t room, int64_t k, int64_t lanes)
+{
+    const int64_t m = POSE * k, width = PADDED + m + lanes;
+    const Places at = places_of(k, lanes);
+    double known[STATES * STATES], x[STATES * MOST_LANES] = {0.0}, noise[POSE * POSE];
+    double rows[POSE * (PADDED + STATES + MOST_LANES)];
+    Logarithm determinant = {1.0, 0};
+    first_known(system, known, k);
+    memset(normal, 0, sizeof(double) * (size_t)(lanes * lanes));
+    for (int64_t i = 0; i < system->count; i++) {
+        double *pose = kept + i % room * at.size, *white = pose + at.white;
+        noise_of(system, i, noise, POSE);
+        columns_of(system, i, rows + PADDED + m, lanes, width);
+        if (i == 0 && is_flat(system)) {
+            memset(pose, 0, sizeof(double) * (size_t)at.size);
+            for (int64_t r = 0; r < POSE; r++) {
+                memcpy(known + r * m, noise + r * POSE, sizeof noise / POSE);
+                memcpy(x + r * lanes, rows + r * width + PADDED + m,
+                       sizeof(double) * (size_t)lanes);
             }
+        } else {
+            /* [H P H' + R | H P | K - H x] -> [U | gain | W] */
+            for (int64_t r = 0; r < POSE; r++) {
+                double *row = rows + r * width;
+                for (int64_t q = 0; q < POSE; q++)
+                    row[q] = known[r * m + q] + noise[r * POSE + q];
+                row[POSE] = row[POSE + 1] = 0.0;
+                memcpy(row + PADDED, known + r * m, sizeof(double) * (size_t)m);
+                take(row + PADDED + m, 1.0, x + r * lanes, lanes);
+            }
+            if (eliminate(rows, POSE, width, &determinant))
+                return 1;
+            for (int64_t r = 0; r < POSE; r++) {
+                const double *row = rows + r * width;
+                memcpy(pose + r * POSE, row, sizeof(double) * POSE);
+                memcpy(pose + at.gain + r * m, row + PADDED, sizeof(double) * (size_t)m);
+                memcpy(white + r * lanes, row + PADDED + m, sizeof(double) * (size_t)lanes);
+                for (int64_t l = 0; l < lanes; l++)
+                    add(normal + l * lanes, row[PADDED + m + l], row + PADDED + m, lanes);
+            }
+            update(noise, pose, pose + at.gain, white, known, x, k, lanes);
+        }
+        if (k > 1)
+            for (int64_t r = 0; r < POSE; r++) {
+                memcpy(pose + at.known + r * POSE, known + (POSE + r) * m + POSE,
+                       sizeof(double) * POSE);
+                memcpy(pose + at.velocity + r * lanes, x + (POSE + r) * lanes,
+                       sizeof(double) * (size_t)lanes);
+            }
+        if (i + 1 < system->count) {
+            const Step step = step_of(system, i, k);
+            predict(&step, known, x, k, lanes);
+        }
+    }
+    *log_det = logarithm(&determinant);
+    return !(*log_det <= DBL_MAX && *log_det >= -DBL_MAX);
+}
+
+/* Loops of their own for the sizes that are met most. */
+#define OF_SIZE(function, k, lanes, ...)                                  \
+    ((k) == 1 && (lanes) == 12   ? function(__VA_ARGS__, 1, 12)           \
+     : (k) == 1 && (lanes) == 16 ? function(__VA_ARGS__, 1, 16)           \
+     : (k) == 2 && (lanes) == 12 ? function(__VA_ARGS__, 2, 12)           \
+                                 : function(__VA_ARGS__, k, lanes))
+
+#define SYSTEM                                                                                    \
+    {covariance, jitter, nuisances, gauge, errors, moves, noise, prior, travel, count, c, d}
+
+/* The filter.
+ *
+ * covariance .. d: the `System`. kept: of the last ``room`` poses, (room, `band_size`). normal: the
+ * normal equations without the states, (lanes, lanes). log_det: of the covariance of the errors, of
+ * which the first is left out where it is flat, (1).
+ * Returns 1 where there is none.
+ */
+LOOPS_WIDE int band_filter(const double *covariance, const double *jitter, const double *nuisances,
+                           const double *gauge, const double *errors, const double *moves,
+                           const double *noise, const double *prior, const double *travel,
+                           int64_t count, int64_t c, int64_t d, int64_t k, int64_t lanes,
+                           int64_t room, double *kept, double *normal, double *log_det)
+{
+    const System system = SYSTEM;
+    return OF_SIZE(filter, k, lanes, &system, kept, normal, log_det, room);
+}
+
+/* What all poses say, as `band_smooth` returns it. */
+typedef struct {
+    double *states, *scores, *felt, *of_poses, *of_steps, *crossed, *first;
+} Told;
+
+/* Going back: r and N of a step, and b and B of the pose that it begins at. */
+typedef struct {
+    double score[STATES * MOST_LANES];
+    double spread[STATES * STATES];
+} Later;
+
+LOOPS_PART void pull_back(const Step *step, const Later *later, Later *back, int64_t k,
+                          int64_t lanes)
+{
+    const int64_t m = POSE * k;
+    double moved[STATES * STATES], turned[STATES * STATES];
+    memset(back->score, 0, sizeof(double) * (size_t)(m * lanes));
+    memset(back->spread, 0, sizeof(double) * (size_t)(m * m));
+    memset(moved, 0, sizeof(double) * (size_t)(m * m));
+    add_moved_back(step, later->score, back->score, k, lanes);
+    add_moved_back(step, later->spread, moved, k, m);
+    transpose(moved, turned, m);
+    add_moved_back(step, turned, back->spread, k, m);
+    symmetrise(back->spread, m);
+}
+
+/* Rows of lanes, of which that of the errors becomes nothing. */
+LOOPS_PART void without(const double *rows, double *into, int64_t count, int64_t lanes, int64_t at)
+{
+    memcpy(into, rows, sizeof(double) * (size_t)(count * lanes));
+    for (int64_t r = 0; r < count; r++)
+        into[r * lanes + at] = 0.0;
+}
+
+/* Of the step that begins at pose i, given the last component's states there (6, lanes), and their
+ * covariance with all (6, m). */
+LOOPS_PART void tell_step(const Step *step, const Later *later, const double *last,
+                          const double *known, const Told *told, int64_t i, int64_t n, int64_t k,
+                          int64_t lanes, int64_t at)
+{
+    const int64_t m = POSE * k, part = 2 * k * k * n;
+    double columns[STATES * MOST_LANES], moved[POSE * STATES];
+    without(later->score, columns, m, lanes, at);
+    for (int64_t r = 0; r < m; r++)
+        told->felt[m * i + r] = later->score[r * lanes + at];
+    for (int64_t r = 0; r < POSE; r++)
+        for (int64_t d = 0; d < k; d++)
+            for (int64_t g = 0; g < 2; g++)
+                for (int64_t x = 0; x < AXES; x++)
+                    moved[r * m + row_of(d, g, x)] = moved_of(step, known + r * m, d, g, x, k);
+    for (int64_t g = 0; g < 2; g++)
+        for (int64_t c = 0; c < k; c++) {
+            double crossed = 0.0;
+            for (int64_t x = 0; x < AXES; x++) {
+                const int64_t r = row_of(c, g, x), own = AXES * g + x;
+                crossed += product(last + own * lanes, later->score + r * lanes, lanes);
+                for (int64_t q = 0; q < m; q++)
+                    crossed -= moved[own * m + q] * later->spread[r * m + q];
+            }
+            told->crossed[(g * k + c) * n + i] = crossed;
+            for (int64_t d = 0; d < k; d++) {
+                double square = 0.0, spread = 0.0;
+                for (int64_t x = 0; x < AXES; x++) {
+                    const int64_t r = row_of(c, g, x), q = row_of(d, g, x);
+                    square += later->score[r * lanes + at] * later->score[q * lanes + at];
+                    spread += later->spread[r * m + q];
+                    spread -= product(columns + r * lanes, columns + q * lanes, lanes);
+                }
+                double *into = told->of_steps + ((g * k + c) * k + d) * n + i;
+                into[0] = square;
+                into[part] = spread;
+            }
+        }
+}
+
+/* What is known of a group's last states at the first pose, over its axes. */
+LOOPS_PART void tell_first(const Later *back, const double *last, const double *known,
+                           const Told *told, int64_t k, int64_t lanes, int64_t at)
+{
+    const int64_t m = POSE * k;
+    double columns[POSE * MOST_LANES], taken[POSE * STATES];
+    without(last, columns, POSE, lanes, at);
+    multiplied(known, m, back->spread, taken, POSE, m, m);
+    for (int64_t g = 0; g < 2; g++) {
+        double sum = 0.0;
+        for (int64_t r = AXES * g; r < AXES * (g + 1); r++) {
+            sum += known[r * m + m - POSE + r];
+            sum += product(columns + r * lanes, columns + r * lanes, lanes);
+            for (int64_t q = 0; q < m; q++)
+                sum -= taken[r * m + q] * known[r * m + q];
+        }
+        told->first[g] = sum;
+    }
+}
+
+LOOPS_PART void smooth(const System *system, const double *kept, const double *ends,
+                       const Told *told, int64_t k, int64_t lanes)
+{
+    const int64_t m = POSE * k, width = m + lanes + PADDED, count = system->count;
+    const int64_t at = system->c + system->d;
+    const Places place = places_of(k, lanes);
+    Later later, back;
+    memset(&later, 0, sizeof later);
+    for (int64_t i = count - 1; i >= 0; i--) {
+        const double *pose = kept + i * place.size;
+        const int flat = i == 0 && is_flat(system);
+        double rows[POSE * (STATES + MOST_LANES + PADDED)], noise[POSE * POSE];
+        double score[POSE * MOST_LANES], columns[POSE * MOST_LANES], taken[POSE * STATES];
+        double last[POSE * MOST_LANES], known[POSE * STATES], rest[POSE * STATES];
+        double both[POSE * STATES], residual[POSE * MOST_LANES];
+        Step step = {0};
+        if (i + 1 < count) {
+            step = step_of(system, i, k);
+            pull_back(&step, &later, &back, k, lanes);
+        } else {
+            memset(&back, 0, sizeof back);
+        }
+        /* [G' | S^-1 nu | S^-1] */
+        memset(rows, 0, sizeof(double) * (size_t)(POSE * width));
+        for (int64_t r = 0; r < POSE; r++) {
+            double *row = rows + r * width;
+            if (flat) {
+                row[r] = 1.0;
+                continue;
+            }
+            memcpy(row, pose + place.gain + r * m, sizeof(double) * (size_t)m);
+            for (int64_t l = 0; l < lanes; l++)
+                add(row + m, pose[place.white + r * lanes + l], ends + l * lanes, lanes);
+            row[m + lanes + r] = 1.0;
+            for (int64_t q = 0; q < r; q++)
+                take(row + m + lanes, pose[q * POSE + r], rows + q * width + m + lanes, PADDED);
+            times(row + m + lanes, 1.0 / pose[r * POSE + r], PADDED);
+        }
+        if (!flat)
+            substitute(pose, POSE, rows, POSE, width);
+        /* u, and its variance S^-1 + G' B G. */
+        for (int64_t r = 0; r < POSE; r++) {
+            const double *row = rows + r * width;
+            memcpy(score + r * lanes, row + m, sizeof(double) * (size_t)lanes);
+            for (int64_t q = 0; q < m; q++)
+                take(score + r * lanes, row[q], back.score + q * lanes, lanes);
+        }
+        multiplied(rows, width, back.spread, taken, POSE, m, m);
+        without(score, columns, POSE, lanes, at);
+        for (int64_t g = 0; g < 2; g++) {
+            double square = 0.0, informed = 0.0;
+            for (int64_t r = AXES * g; r < AXES * (g + 1); r++) {
+                const double own = score[r * lanes + at];
+                told->scores[POSE * i + r] = own;
+                square += own * own;
+                informed += rows[r * width + m + lanes + r];
+                for (int64_t q = 0; q < m; q++)
+                    informed += taken[r * m + q] * rows[r * width + q];
+                informed -= product(columns + r * lanes, columns + r * lanes, lanes);
+            }
+            told->of_poses[g * count + i] = square;
+            told->of_poses[(2 + g) * count + i] = informed;
+        }
+        /* The states: of the pose, what its noise leaves. */
+        noise_of(system, i, noise, POSE);
+        columns_of(system, i, residual, lanes, lanes);
+        multiplied(residual, lanes, ends, last, POSE, lanes, lanes);
+        for (int64_t r = 0; r < POSE; r++) {
+            for (int64_t q = 0; q < POSE; q++)
+                take(last + r * lanes, noise[r * POSE + q], score + q * lanes, lanes);
+            told->states[m * i + r] = last[r * lanes + at];
+        }
+        /* H C = R G' */
+        if (flat) {
+            memset(known, 0, sizeof known);
+            for (int64_t r = 0; r < POSE; r++)
+                memcpy(known + r * m, noise + r * POSE, sizeof(double) * POSE);
+        } else {
+            for (int64_t r = 0; r < POSE; r++) {
+                memset(known + r * m, 0, sizeof(double) * (size_t)m);
+                for (int64_t q = 0; q < POSE; q++)
+                    add(known + r * m, noise[r * POSE + q], rows + q * width, m);
+            }
+        }
+        if (k > 1) {
+            double of_pose[POSE * STATES];
+            memcpy(of_pose, known, sizeof(double) * (size_t)(POSE * m));
+            for (int64_t r = 0; r < POSE; r++)
+                for (int64_t q = 0; q < POSE; q++) {
+                    known[r * m + q] = of_pose[q * m + POSE + r];
+                    known[r * m + POSE + q] = pose[place.known + r * POSE + q];
+                }
+            multiplied(pose + place.velocity, lanes, ends, last, POSE, lanes, lanes);
+            for (int64_t r = 0; r < POSE; r++) {
+                for (int64_t q = 0; q < m; q++)
+                    add(last + r * lanes, known[r * m + q], back.score + q * lanes, lanes);
+                told->states[m * i + POSE + r] = last[r * lanes + at];
+            }
+        }
+        if (i + 1 < count)
+            tell_step(&step, &later, last, known, told, i, count - 1, k, lanes, at);
+        if (i == 0)
+            tell_first(&back, last, known, told, k, lanes, at);
+        /* (1 - G H)' = [S^-1 R | 0 over -G' of what is not seen] */
+        for (int64_t r = 0; r < POSE; r++)
+            for (int64_t q = 0; q < POSE; q++) {
+                double sum = 0.0;
+                for (int64_t s = 0; s < POSE; s++)
+                    sum += rows[r * width + m + lanes + s] * noise[s * POSE + q];
+                rest[r * m + q] = sum;
+                if (k > 1)
+                    rest[r * m + POSE + q] = -rows[r * width + POSE + q];
+            }
+        multiplied(rest, m, back.spread, both, POSE, m, m);
+        memcpy(&later, &back, sizeof later);
+        for (int64_t r = 0; r < POSE; r++) {
+            add(later.score + r * lanes, 1.0, score + r * lanes, lanes);
+            for (int64_t q = 0; q < POSE; q++) {
+                double sum = rows[r * width + m + lanes + q];
+                for (int64_t s = 0; s < m; s++)
+                    sum += both[r * m + s] * rest[q * m + s];
+                later.spread[r * m + q] = sum;
+            }
+            for (int64_t q = POSE; q < m; q++)
+                later.spread[r * m + q] = later.spread[q * m + r] = both[r * m + q];
+        }
+    }
 }
 
 /* What the data say of the states and of the disturbances.
  *
- * root: (lanes, lanes), of the covariance of theta, and in the lane of the errors (-theta, 1). As
- * lanes of [K_i | z_i] root and of the states that go with it. states: (N, m). scores: R^-1 of the
- * residuals, (N, 6). Sums over the three axes of each group, ``known`` being the covariance of what
- * is estimated:
- * of_poses: (3, 2, N), of R^-1, of what is known of the scores, of their squares.
- * of_steps: (4, 2, k, k, N - 1), what is known of the moves w, and of the states before with them,
- * and the products of both as estimated. first: what is known of the first states, (2, k, k).
+ * kept: of all poses. ends: (lanes, lanes), a root of the covariance of theta and, in the lane of
+ * the errors, (-theta, 1), beside which what is below is as of [K | z] ends.
+ * states: (N, m). scores: u, (N, 6). felt: r of each step, (N - 1, m). Sums over the three axes of
+ * each group: of_poses, (2, 2, N), the squares of u and the variance of u. of_steps, likewise of r:
+ * (2, 2, k, k, N - 1). crossed: the products of the last component's states with r, less their
+ * covariance, (2, k, N - 1). first: the variance of these states at the first pose, (2).
  */
-LOOPS_WIDE int band_backward(const double *kept, const double *weight, const double *nuisances,
-                             const double *gauge, const double *errors, const double *root,
-                             const double *moves, const double *travel, double *states,
-                             double *scores, double *of_poses, double *of_steps, double *first,
-                             int64_t count, int64_t k, int64_t c, int64_t d, int64_t lanes)
+LOOPS_WIDE int band_smooth(const double *covariance, const double *jitter, const double *nuisances,
+                           const double *gauge, const double *errors, const double *moves,
+                           const double *noise, const double *prior, const double *travel,
+                           int64_t count, int64_t c, int64_t d, int64_t k, int64_t lanes,
+                           const double *kept, const double *ends, double *states, double *scores,
+                           double *felt, double *of_poses, double *of_steps, double *crossed,
+                           double *first)
 {
-    const Columns columns = {nuisances, gauge, errors, c, d};
-    if (k == 1)
-        backward(kept, weight, &columns, root, moves, travel, states, scores, of_poses, of_steps,
-                 first, count, 1, lanes);
-    else
-        backward(kept, weight, &columns, root, moves, travel, states, scores, of_poses, of_steps,
-                 first, count, 2, lanes);
+    const System system = SYSTEM;
+    const Told told = {states, scores, felt, of_poses, of_steps, crossed, first};
+    OF_SIZE(smooth, k, lanes, &system, kept, ends, &told);
     return 0;
 }
 
-/* Slopes by the parameters, of the steps and of the prior of the first states. */
+/* Slopes by the parameters, of a group's steps. */
 typedef struct {
     const double *noise;  /* (p, 2, k, k, n) */
     const double *move;   /* by the last, (2, k, k, n) */
-    const double *prior;  /* (p, 2, k, k) */
     int64_t p, n;
 } Slopes;
 
-/* Q^-1 of a step's move, (m), and the slope that its last states have by it. */
-LOOPS_PART void felt_of(const Step *step, const double *states, double *felt, int64_t k)
+/* By the last parameter, how F's slope is felt at each pose and later, (N, 6). */
+LOOPS_PART void adjoints(const System *system, const Slopes *slopes, const double *felt,
+                         double *adjoint, int64_t k)
 {
-    const int64_t m = POSE * k;
-    double went[STATES];
-    move(step, states, went, k, 1);
-    for (int64_t r = 0; r < m; r++)
-        went[r] = states[m + r] - went[r];
-    double precision[2][COMPONENTS][COMPONENTS];
-    memcpy(precision, step->precision, sizeof precision);
-    weigh(precision, went, felt, k, 1);
+    const int64_t n = slopes->n, m = POSE * k;
+    double move[2][COMPONENTS][COMPONENTS], slope[2][COMPONENTS][COMPONENTS];
+    memset(adjoint + POSE * n, 0, sizeof(double) * POSE);
+    for (int64_t i = n - 1; i >= 0; i--) {
+        load(system->moves, i, n, k, move);
+        load(slopes->move, i, n, k, slope);
+        for (int64_t g = 0; g < 2; g++)
+            for (int64_t x = 0; x < AXES; x++) {
+                const int64_t own = AXES * g + x;
+                double sum = move[g][k - 1][k - 1] * adjoint[POSE * (i + 1) + own];
+                for (int64_t c = 0; c < k; c++)
+                    sum += slope[g][c][k - 1] * felt[m * i + row_of(c, g, x)];
+                adjoint[POSE * i + own] = sum;
+            }
+    }
 }
 
-/* t of the pose that step i leads to, (m, BOTH). */
-LOOPS_PART void through_of(const Slopes *slopes, const Step *step, int64_t i, const double *states,
-                           const double *felt, double *into, int64_t k)
+/* What the states of the parameters' errors, (m, 8), become by the step that begins at pose i. */
+LOOPS_PART void step_on(const Slopes *slopes, const Step *step, int64_t i, const double *states,
+                        const double *felt, const double *adjoint, double *apart, int64_t k)
 {
-    const int64_t p = slopes->p, n = slopes->n;
-    double slope[2][COMPONENTS][COMPONENTS], precision[2][COMPONENTS][COMPONENTS];
-    double each[STATES * BOTH] = {0.0};
+    const int64_t p = slopes->p, n = slopes->n, m = POSE * k;
+    double slope[2][COMPONENTS][COMPONENTS], moved[STATES * BOTH];
+    move(step, apart, moved, k, BOTH);
     for (int64_t j = 1; j < p; j++) {
         load(slopes->noise + 2 * k * k * n * j, i, n, k, slope);
         for (int64_t g = 0; g < 2; g++)
             for (int64_t c = 0; c < k; c++)
                 for (int64_t d = 0; d < k; d++)
                     for (int64_t x = 0; x < AXES; x++)
-                        each[row_of(c, g, x) * BOTH + PARAMETERS * g + j] -=
-                            slope[g][c][d] * felt[row_of(d, g, x)];
+                        moved[row_of(c, g, x) * BOTH + PARAMETERS * g + j] +=
+                            slope[g][c][d] * felt[m * i + row_of(d, g, x)];
     }
     load(slopes->move, i, n, k, slope);
     for (int64_t g = 0; g < 2; g++)
         for (int64_t c = 0; c < k; c++)
-            for (int64_t d = 0; d < k; d++)
-                for (int64_t x = 0; x < AXES; x++)
-                    each[row_of(c, g, x) * BOTH + PARAMETERS * g + p - 1] -=
-                        slope[g][c][d] * states[row_of(d, g, x)];
-    memcpy(precision, step->precision, sizeof precision);
-    weigh(precision, each, into, k, BOTH);
+            for (int64_t x = 0; x < AXES; x++)
+                moved[row_of(c, g, x) * BOTH + PARAMETERS * g + p - 1] +=
+                    slope[g][c][k - 1] * states[m * i + row_of(k - 1, g, x)] +
+                    step->noise[g][c][k - 1] * adjoint[POSE * (i + 1) + AXES * g + x];
+    memcpy(apart, moved, sizeof(double) * (size_t)(m * BOTH));
 }
 
-/* t of the first pose. */
-LOOPS_PART void through_first(const Slopes *slopes, const double *states, double *into, int64_t k)
+LOOPS_PART void average(const System *system, const double *kept, const Slopes *slopes,
+                        const double *states, const double *scores, const double *felt,
+                        double *adjoint, double *found, double *ahead, int64_t k, int64_t lanes)
 {
-    double slope[2][COMPONENTS][COMPONENTS];
-    memset(into, 0, sizeof(double) * (size_t)(POSE * k * BOTH));
-    for (int64_t j = 1; j < slopes->p; j++) {
-        load(slopes->prior + 2 * k * k * j, 0, 1, k, slope);
-        for (int64_t g = 0; g < 2; g++)
-            for (int64_t c = 0; c < k; c++)
-                for (int64_t d = 0; d < k; d++)
-                    for (int64_t x = 0; x < AXES; x++)
-                        into[row_of(c, g, x) * BOTH + PARAMETERS * g + j] +=
-                            slope[g][c][d] * states[row_of(d, g, x)];
+    const int64_t m = POSE * k, p = slopes->p;
+    const Places place = places_of(k, lanes);
+    double apart[STATES * BOTH] = {0.0}, seen[POSE * BOTH];
+    double prior[2][COMPONENTS][COMPONENTS];
+    adjoints(system, slopes, felt, adjoint, k);
+    load(system->prior, 0, 1, k, prior);
+    for (int64_t r = 0; r < POSE; r++) {
+        const int64_t g = r / AXES;
+        double *row = apart + (m - POSE + r) * BOTH + PARAMETERS * g;
+        if (!(prior[g][k - 1][k - 1] > 0.0))
+            continue;
+        row[p - 2] = 2.0 * states[m - POSE + r];
+        row[p - 1] = adjoint[r] / prior[g][k - 1][k - 1];
     }
-}
-
-/* By the last parameter, what the last component's states feel of the step that follows, (6). */
-LOOPS_PART void feel(const Slopes *slopes, int64_t i, const double *felt, double *into, int64_t k)
-{
-    double slope[2][COMPONENTS][COMPONENTS];
-    load(slopes->move, i, slopes->n, k, slope);
-    for (int64_t g = 0; g < 2; g++)
-        for (int64_t x = 0; x < AXES; x++) {
-            double sum = 0.0;
-            for (int64_t c = 0; c < k; c++)
-                sum -= slope[g][c][k - 1] * felt[row_of(c, g, x)];
-            into[AXES * g + x] = sum;
-        }
-}
-
-LOOPS_PART void average(const double *kept, const double *weight, const Columns *columns,
-                        const double *jitter, const double *states, const double *scores,
-                        const double *moves, const double *precision, const double *noise,
-                        const double *travel, const double *prior, const Slopes *slopes,
-                        double *found, double *ahead, int64_t count, int64_t k, int64_t lanes)
-{
-    const int64_t m = POSE * k, width = 2 * m + lanes, n = count - 1, last = slopes->p - 1;
-    double into[STATES * BOTH], own[STATES * BOTH], felt[STATES], here[POSE], later[POSE] = {0.0};
-    double slope[2][COMPONENTS][COMPONENTS];
-    Step step;
     memset(found, 0, sizeof(double) * BOTH * BOTH);
     memset(ahead, 0, sizeof(double) * (size_t)(lanes * BOTH));
-    /* t' Q t, with what goes back along the last component. */
-    for (int64_t i = count - 1; i >= 0; i--) {
-        if (i < n) {
-            step = step_of(moves, precision, travel, i, n, k);
-            felt_of(&step, states + m * i, felt, k);
-            feel(slopes, i, felt, here, k);
+    for (int64_t i = 0; i < system->count; i++) {
+        const double *pose = kept + i * place.size, *white = pose + place.white;
+        memcpy(seen, apart, sizeof seen);
+        for (int64_t r = 0; r < POSE; r++)
+            seen[r * BOTH + PARAMETERS * (r / AXES)] +=
+                2.0 * system->jitter[2 * i + r / AXES] * scores[POSE * i + r];
+        if (i == 0 && is_flat(system)) {
             for (int64_t r = 0; r < POSE; r++)
-                later[r] = here[r] + step.move[r / AXES][k - 1][k - 1] * later[r];
-        }
-        if (i > 0) {
-            step = step_of(moves, precision, travel, i - 1, n, k);
-            felt_of(&step, states + m * (i - 1), felt, k);
-            through_of(slopes, &step, i - 1, states + m * (i - 1), felt, into, k);
-            load(noise, i - 1, n, k, slope);
+                take(apart + r * BOTH, 1.0, seen + r * BOTH, BOTH);
         } else {
-            through_first(slopes, states, into, k);
-            load(prior, 0, 1, k, slope);
-            for (int64_t g = 0; g < 2; g++)
-                for (int64_t c = 0; c < k; c++)
-                    slope[g][c][c] = slope[g][c][c] > 0.0 ? 1.0 / slope[g][c][c] : 0.0;
-        }
-        for (int64_t r = 0; r < POSE; r++)
-            into[(m - POSE + r) * BOTH + PARAMETERS * (r / AXES) + last] += later[r];
-        weigh(slope, into, own, k, BOTH);
-        for (int64_t r = 0; r < m; r++)
-            for (int64_t j = 0; j < BOTH; j++)
-                add(found + j * BOTH, into[r * BOTH + j], own + r * BOTH, BOTH);
-    }
-    /* g' Lambda^-1 g. */
-    double t[STATES * BOTH], next[STATES * BOTH], solved[STATES * BOTH], rows[POSE * MOST_LANES];
-    through_first(slopes, states, t, k);
-    for (int64_t i = 0; i < count; i++) {
-        const double *own_rows = kept + i * m * width, *w = weight + i * POSE * POSE;
-        memcpy(into, t, sizeof(double) * (size_t)(m * BOTH));
-        if (i < n) {
-            step = step_of(moves, precision, travel, i, n, k);
-            felt_of(&step, states + m * i, felt, k);
-            through_of(slopes, &step, i, states + m * i, felt, next, k);
-            feel(slopes, i, felt, here, k);
-            memset(own, 0, sizeof(double) * (size_t)(m * BOTH));
-            add_moved_back(&step, next, own, k, BOTH);
-            for (int64_t r = 0; r < m; r++)
-                take(into + r * BOTH, 1.0, own + r * BOTH, BOTH);
-            for (int64_t r = 0; r < POSE; r++)
-                into[(m - POSE + r) * BOTH + PARAMETERS * (r / AXES) + last] += here[r];
-        }
-        double errors[POSE * BOTH] = {0.0}, weighted[POSE * BOTH];
-        for (int64_t r = 0; r < POSE; r++)
-            errors[r * BOTH + PARAMETERS * (r / AXES)] =
-                2.0 * jitter[2 * i + r / AXES] * scores[POSE * i + r];
-        multiplied(w, POSE, errors, weighted, POSE, POSE, BOTH);
-        columns_of(columns, i, rows, lanes, lanes);
-        for (int64_t r = 0; r < POSE; r++) {
-            add(into + r * BOTH, 1.0, weighted + r * BOTH, BOTH);
-            for (int64_t j = 0; j < BOTH; j++)
-                add(found + j * BOTH, errors[r * BOTH + j], weighted + r * BOTH, BOTH);
-            for (int64_t l = 0; l < lanes; l++)
-                add(ahead + l * BOTH, rows[r * lanes + l], weighted + r * BOTH, BOTH);
-        }
-        if (i > 0)
-            for (int64_t q = 0; q < m; q++) {
-                const double *x = own_rows - m * width + q * width + m;
+            substitute_forward(pose, POSE, seen, POSE, BOTH);
+            for (int64_t q = 0; q < POSE; q++) {
+                const double *h = seen + q * BOTH;
+                for (int64_t j = 0; j < BOTH; j++)
+                    add(found + j * BOTH, h[j], h, BOTH);
+                for (int64_t l = 0; l < lanes; l++)
+                    add(ahead + l * BOTH, white[q * lanes + l], h, BOTH);
                 for (int64_t r = 0; r < m; r++)
-                    take(into + r * BOTH, x[r], solved + q * BOTH, BOTH);
-            }
-        memcpy(solved, into, sizeof(double) * (size_t)(m * BOTH));
-        substitute_forward(own_rows, width, solved, m, BOTH);
-        for (int64_t r = 0; r < m; r++) {
-            const double *f = own_rows + r * width + 2 * m, *h = solved + r * BOTH;
-            for (int64_t j = 0; j < BOTH; j++)
-                take(found + j * BOTH, h[j], h, BOTH);
-            for (int64_t l = 0; l < lanes; l++)
-                take(ahead + l * BOTH, f[l], h, BOTH);
-        }
-        memcpy(t, next, sizeof(double) * (size_t)(m * BOTH));
-    }
-}
-
-/* Twice the average information before theta is integrated out (`Likelihood.average_information`).
- *
- * As above; noise: Q. slope_noise: (p, 2, k, k, N - 1). slope_moves: of F by the last parameter,
- * (2, k, k, N - 1). slope_prior: (p, 2, k, k). found: (8, 8), the second group's parameters from
- * the fifth on. ahead: what it has to do with theta, (lanes, 8).
- */
-LOOPS_WIDE int band_average(const double *kept, const double *weight, const double *nuisances,
-                            const double *gauge, const double *errors, const double *jitter,
-                            const double *states, const double *scores, const double *moves,
-                            const double *precision, const double *noise, const double *travel,
-                            const double *prior, const double *slope_noise,
-                            const double *slope_moves, const double *slope_prior, double *found,
-                            double *ahead, int64_t count, int64_t k, int64_t p, int64_t c,
-                            int64_t d, int64_t lanes)
-{
-    const Columns columns = {nuisances, gauge, errors, c, d};
-    const Slopes slopes = {slope_noise, slope_moves, slope_prior, p, count - 1};
-    if (k == 1)
-        average(kept, weight, &columns, jitter, states, scores, moves, precision, noise, travel,
-                prior, &slopes, found, ahead, count, 1, lanes);
-    else
-        average(kept, weight, &columns, jitter, states, scores, moves, precision, noise, travel,
-                prior, &slopes, found, ahead, count, 2, lanes);
-    return 0;
-}
-
-LOOPS_PART int whiten(const double *covariance, const double *jitter, const Columns *columns,
-                      const double *moves, const double *noise, const double *prior,
-                      const double *travel, double *white, int64_t begin, int64_t count, int64_t k,
-                      int64_t lanes)
-{
-    const int64_t m = POSE * k, width = POSE + m + lanes, n = count - 1;
-    double known[STATES * STATES] = {0.0}, states[STATES * MOST_LANES] = {0.0};
-    double rows[POSE * (POSE + STATES + MOST_LANES)], went[STATES * STATES];
-    double moved[STATES * MOST_LANES], slope[2][COMPONENTS][COMPONENTS];
-    Logarithm determinant = {1.0, 0};
-    Step step = {0};
-    /* What is not flat of the first states; what is, is as the first pose says. */
-    load(prior, 0, 1, k, slope);
-    for (int64_t g = 0; g < 2; g++)
-        for (int64_t c = 0; c < k; c++)
-            slope[g][c][c] = slope[g][c][c] > 0.0 ? 1.0 / slope[g][c][c] : 0.0;
-    add_groups(slope, known, k, m);
-    if (begin > 0) {
-        noise_of(covariance, jitter, 0, known, m);
-        columns_of(columns, 0, states, lanes, lanes);
-    }
-    for (int64_t i = begin; i < count; i++) {
-        if (i > 0) {
-            load(moves, i - 1, n, k, step.move);
-            memcpy(step.travel, travel + AXES * (i - 1), sizeof step.travel);
-            move(&step, known, went, k, m);
-            for (int64_t r = 0; r < m; r++)
-                for (int64_t d = 0; d < k; d++)
-                    for (int64_t g = 0; g < 2; g++)
-                        for (int64_t x = 0; x < AXES; x++)
-                            known[r * m + row_of(d, g, x)] =
-                                moved_of(&step, went + r * m, d, g, x, k);
-            load(noise, i - 1, n, k, slope);
-            add_groups(slope, known, k, m);
-            move(&step, states, moved, k, lanes);
-            memcpy(states, moved, sizeof(double) * (size_t)(m * lanes));
-        }
-        /* [R + P | P | K - x] -> [. | A | white] */
-        noise_of(covariance, jitter, i, rows, width);
-        columns_of(columns, i, rows + POSE + m, lanes, width);
-        for (int64_t r = 0; r < POSE; r++) {
-            double *row = rows + r * width;
-            add(row, 1.0, known + r * m, POSE);
-            memcpy(row + POSE, known + r * m, sizeof(double) * (size_t)m);
-            take(row + POSE + m, 1.0, states + r * lanes, lanes);
-        }
-        if (eliminate(rows, POSE, width, &determinant))
-            return 1;
-        for (int64_t q = 0; q < POSE; q++) {
-            const double *a = rows + q * width + POSE, *new = a + m;
-            memcpy(white + ((i - begin) * POSE + q) * lanes, new, sizeof(double) * (size_t)lanes);
-            for (int64_t r = 0; r < m; r++) {
-                take(known + r * m, a[r], a, m);
-                add(states + r * lanes, a[r], new, lanes);
+                    take(apart + r * BOTH, pose[place.gain + q * m + r], h, BOTH);
             }
         }
+        if (i + 1 < system->count) {
+            const Step step = step_of(system, i, k);
+            step_on(slopes, &step, i, states, felt, adjoint, apart, k);
+        }
     }
-    return 0;
 }
 
-/* What each pose is beyond its prediction from those before, whitened (a Kalman filter).
+/* Twice the average information before theta is integrated out (`Likelihood.average_information`):
+ * q_j' P q_l of q_j = dV / dpsi_j P z, filtered as z is.
  *
- * As above; white: (N - begin, 6, lanes) of the columns [K | z]. begin: 1 where the states of the
- * first pose are not known before, and 0. Returns 1 where a covariance is not positive definite.
+ * kept, states, scores, felt: as above. slope_noise: of Q, (p, 2, k, k, N - 1). slope_moves: of F by
+ * the last parameter, (2, k, k, N - 1). adjoint: work, (N, 6). found: (8, 8), the second group's
+ * parameters from the fifth on. ahead: what it has to do with theta, (lanes, 8).
  */
-LOOPS_WIDE int band_whiten(const double *covariance, const double *jitter, const double *nuisances,
-                           const double *gauge, const double *errors, const double *moves,
-                           const double *noise, const double *prior, const double *travel,
-                           double *white, int64_t begin, int64_t count, int64_t k, int64_t c,
-                           int64_t d, int64_t lanes)
+LOOPS_WIDE int band_average(const double *covariance, const double *jitter, const double *nuisances,
+                            const double *gauge, const double *errors, const double *moves,
+                            const double *noise, const double *prior, const double *travel,
+                            int64_t count, int64_t c, int64_t d, int64_t k, int64_t lanes,
+                            const double *kept, const double *slope_noise,
+                            const double *slope_moves, int64_t p, const double *states,
+                            const double *scores, const double *felt, double *adjoint,
+                            double *found, double *ahead)
 {
-    const Columns columns = {nuisances, gauge, errors, c, d};
-    if (k == 1)
-        return whiten(covariance, jitter, &columns, moves, noise, prior, travel, white, begin,
-                      count, 1, lanes);
-    return whiten(covariance, jitter, &columns, moves, noise, prior, travel, white, begin, count, 2,
-                  lanes);
+    const System system = SYSTEM;
+    const Slopes slopes = {slope_noise, slope_moves, p, count - 1};
+    OF_SIZE(average, k, lanes, &system, kept, &slopes, states, scores, felt, adjoint, found, ahead);
+    return 0;
 }
 
 /* Columns of positions (M, 3, c) less what those before predict, whitened: what each pose is beyond
