@@ -111,9 +111,10 @@ def _logarithm_table() -> Array:
     return _taylor_table(d[:-1], _double_derivative(d))
 
 
-_EXPONENTIAL_TABLE = _exponential_table()
 LOGARITHM_TABLE = _logarithm_table()
 """The Taylor coefficients in |phi|^2 of D, D', of `log` and `left_jacobian_inverse`; (terms, 2)."""
+EXPONENTIAL_TABLE = _exponential_table()
+"""The same of A, B, C, B', C', of `exp` and `left_jacobian`; (terms, 5)."""
 
 
 def _looped(
@@ -157,7 +158,7 @@ def _columns(values: Array) -> tuple[Array, ...]:
 def _exponential_coefficients(x: Array) -> tuple[Array, ...]:
     """A, B, C, B', C' at x = |phi|^2, (...); each (..., 1, 1)."""
     small = x < _SERIES_BELOW
-    series = _taylor(np.minimum(x, _SERIES_BELOW), _EXPONENTIAL_TABLE)
+    series = _taylor(np.minimum(x, _SERIES_BELOW), EXPONENTIAL_TABLE)
     if small.all():
         return _columns(series)
     x = np.maximum(x, _SERIES_BELOW)
@@ -211,7 +212,7 @@ def _squared_norm(v: Array) -> Array:
     return functools.reduce(operator.add, (squares[..., i] for i in range(v.shape[-1])))
 
 
-@_looped("so3_exp", (3,), (3, 3), _EXPONENTIAL_TABLE)
+@_looped("so3_exp", (3,), (3, 3), EXPONENTIAL_TABLE)
 def exp_so3(phi: Array) -> Array:
     """The rotation by the angle |phi| about the axis phi (Rodrigues).
 
@@ -254,7 +255,7 @@ def _quaternion(rotation: Array) -> Array:
     return np.asarray(q / np.copysign(np.sqrt(_squared_norm(q)), q[..., 3])[..., None])
 
 
-@_looped("so3_right_jacobian", (3,), (3, 3), _EXPONENTIAL_TABLE)
+@_looped("so3_right_jacobian", (3,), (3, 3), EXPONENTIAL_TABLE)
 def right_jacobian_so3(phi: Array) -> Array:
     """``J_r(phi)``, for which ``Exp(phi + d) = Exp(phi) Exp(J_r(phi) d)`` to first order in d.
 
@@ -305,7 +306,7 @@ def _block_triangle(diagonal: Array, upper: Array | float) -> Array:
     return out
 
 
-@_looped("se3_exp", (6,), (4, 4), _EXPONENTIAL_TABLE)
+@_looped("se3_exp", (6,), (4, 4), EXPONENTIAL_TABLE)
 def exp(xi: Array) -> Array:
     """The pose ``Exp(xi) = [[Exp(phi), J_l(phi) rho], [0, 1]]``.
 
@@ -374,7 +375,7 @@ def _quadratic_in_ad(xi: Array, p: Array | float, q: Array, dp: Array | float, d
     return _block_triangle(np.asarray(_IDENTITY_3 + p * w + q * w2), upper)
 
 
-@_looped("se3_left_jacobian", (6,), (6, 6), _EXPONENTIAL_TABLE)
+@_looped("se3_left_jacobian", (6,), (6, 6), EXPONENTIAL_TABLE)
 def left_jacobian(xi: Array) -> Array:
     """``J_l(xi)``, for which ``Exp(xi + d) = Exp(J_l(xi) d) Exp(xi)`` to first order in d.
 

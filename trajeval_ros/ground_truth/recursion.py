@@ -43,7 +43,7 @@ _LANES = 4
 
 
 @lru_cache(maxsize=64)
-def _numbers(kernel: MarkovSum) -> tuple[loops.Argument, ...]:
+def _numbers(kernel: MarkovSum) -> tuple[npt.NDArray[np.int64], Array, int, Array]:
     """A sum of kernels as C takes it.
 
     What `_powers` has; m; rates, those of the kernels that are motion, and variances, (G, 3, m).
@@ -73,6 +73,7 @@ class RecursiveFactor(Factor):
     def __init__(self, kernel: MarkovSum, information: Array, coordinates: int) -> None:
         """Start without samples."""
         super().__init__(kernel, information, coordinates)
+        self._numbers = _numbers(kernel)
         groups, rank = len(information), kernel.rank
         lanes = sum(-(-each // _LANES) * _LANES for each in (self._columns, rank))
         # [g z], l, the sums, tr zᵀ z, e² and d, w, and powers.
@@ -134,9 +135,10 @@ class RecursiveFactor(Factor):
             raise np.linalg.LinAlgError
         self._state = state
 
-    @property
-    def _work(self) -> Array:
-        return np.empty(3 * self._kernel.rank + self._state.shape[2])
+    def _work(self, most: int) -> Array:
+        """For C to work with, where a query asks for so many samples."""
+        rank, lanes = self._state.shape[1:]
+        return np.empty(_LANES * (most + 4 * rank + self._columns + 1 + lanes))
 
     def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
         """Query after query."""
@@ -152,14 +154,30 @@ class RecursiveFactor(Factor):
                 kinds,
                 found,
                 explained,
-                np.empty(counts.max()),
-                self._work,
+                most := int(counts.max()),
+                self._work(most),
             )
         return found, explained
 
     @property
+    def addresses(self) -> tuple[int, ...]:
+        """As ``posterior.c`` has an epoch's, from ``sizes`` on; good until more samples come."""
+        sizes, past, number, constants = self._numbers
+        own = (self.times, self._rows, self._spans)
+        return (
+            loops.address(sizes),
+            loops.address(past),
+            number,
+            loops.address(constants),
+            self._groups,
+            self._columns - 1,
+            *(loops.address(each) for each in own),
+            self._rows.shape[1],
+        )
+
+    @property
     def _process(self) -> tuple[loops.Argument, ...]:
-        return *_numbers(self._kernel), self._groups, self._columns - 1
+        return *self._numbers, self._groups, self._columns - 1
 
     @property
     def _known(self) -> tuple[loops.Argument, ...]:
@@ -183,7 +201,8 @@ class RecursiveFactor(Factor):
             len(times),
             white,
             size,
-            self._work,
+            size,
+            self._work(size),
         )
         return white
 
@@ -199,7 +218,7 @@ class RecursiveFactor(Factor):
             right.shape[1],
             solution,
             right.shape[2],
-            self._work,
+            np.empty(self._kernel.rank),
         )
         return solution
 

@@ -40,8 +40,8 @@ Counts = npt.NDArray[np.intp]
 
 # Standard deviation of the mean in units of the signal's: flat beside the data.
 _FLAT = 1e3
-# The variance is known to this many units of round-off of k(t, t), and is never less than that.
-_ROUND_OFF = 64.0 * np.finfo(np.float64).eps
+ROUND_OFF = float(64.0 * np.finfo(np.float64).eps)
+"""The variance is known to so much of ``k(t, t)``, and is never less than that."""
 
 
 class Regression:
@@ -65,6 +65,16 @@ class Regression:
     def groups(self) -> int:
         """G."""
         return len(self._variance)
+
+    @property
+    def addresses(self) -> tuple[int, ...] | None:
+        """As ``posterior.c`` has an epoch's, from ``priors`` on, until more samples come.
+
+        None where it is not factored in C.
+        """
+        if not isinstance(self._factor, RecursiveFactor):
+            return None
+        return loops.address(self._kernel.variances), *self._factor.addresses
 
     @property
     def count(self) -> int:
@@ -164,7 +174,7 @@ def posteriors(
     ones = np.array([1.0, 0.0])[:kinds, None, None]  # what a constant has of either
     r, information = ones - found[..., 0], sums[..., 0]
     mean = found[..., 1:] + (r / information)[..., None] * sums[..., 1:-1]
-    variance = np.maximum(prior - explained + r * r / information, _ROUND_OFF * prior)
+    variance = np.maximum(prior - explained + r * r / information, ROUND_OFF * prior)
     return np.swapaxes(mean, 1, 2), np.swapaxes(variance, 1, 2), sums[..., -1].T
 
 

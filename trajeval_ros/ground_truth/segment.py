@@ -19,6 +19,7 @@ from trajeval_ros.ground_truth.adaptation import (
     Values,
     epoch_scales,
 )
+from trajeval_ros.ground_truth.kernels import Matern
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
 from trajeval_ros.ground_truth.regression import posteriors
 from trajeval_ros.ground_truth.stamps import HISTORY, slopes
@@ -330,6 +331,14 @@ class Segment:
     def rests(self) -> bool:
         """Whether it answers only once it is made to `advance`, its process being known."""
         return self._adaptation is not None and self._adaptation.count < len(self)
+
+    @property
+    def is_asked_in_c(self) -> bool:
+        """Whether it is factored in C, or will be: then `at_once` asks it."""
+        known = self._known
+        if known.epochs:
+            return known.epochs[0].regression.addresses is not None
+        return loops.there() and all(isinstance(each, Matern) for each in known.process.kernels)
 
     def advance(self) -> None:
         """Condition it on all its samples so far, its process being known."""

@@ -20,6 +20,7 @@ from itertools import count, islice
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth.segment import Samples, Segment
 from trajeval_ros.ground_truth.stamps import HISTORY
 
@@ -80,6 +81,11 @@ class HandOver:
         """Add the progress at later samples."""
         self._stamps = np.concatenate([self._stamps, stamps])
         self._progress = np.concatenate([self._progress, progress])
+
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """How many samples it has, and where their stamps and the progress lie until more come."""
+        return len(self._stamps), loops.address(self._stamps), loops.address(self._progress)
 
     def weight(self, stamps: Stamps) -> Array:
         """Weight of the new segment at ``stamps``: ``p²(3 - 2p)`` of the progress p."""

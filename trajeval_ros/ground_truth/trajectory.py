@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.ground_truth.at_once import Answers
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.fit import Fit, Fits
 from trajeval_ros.ground_truth.hyperparameters import Hyperparameters
@@ -38,6 +40,9 @@ Mask = npt.NDArray[np.bool_]
 # those before it.
 _GAP = 100_000_000
 _GAP_INTERVALS = 64
+# So many segments answer at once, and are there meanwhile where they rest.
+_AT_ONCE = 16
+_TOO_EARLY = "a query lies before the retained segments"
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,26 +284,15 @@ class GroundTruth:
             raise ValueError("the hyperparameters are not known yet")
         self._advance()
         order = np.argsort(stamps, kind="stable")
-        sorted_stamps = stamps[order]
-        ends = sorted_stamps[[0, -1]].tolist() if len(stamps) else [0, 0]
-        asked = list(self._segmentation.between(*ends))
-        resting = [each.segment for each in asked if each.segment.rests]
-        for segment in resting:
-            segment.advance()
-        parts = [part for each in asked for part in _parts(each, order, sorted_stamps, until)]
-        together = any(part.epoch.process.stamp_shared for part in parts)
-        found = answers(
-            [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts],
-            twists or together,
-        )
-        poses, covariances, mixed = _blend(len(stamps), parts, found)
-        cross = None
-        if joint is not None and len(stamps):
-            cross = joint.extend(stamps, until, covariances, parts, found)
-        if together and mixed is not None:
-            covariances = covariances + _of_shared_stamps(parts, mixed.means)
-        for segment in resting:
-            segment.rest()
+        ends = stamps[order[[0, -1]]].tolist() if len(stamps) else [0, 0]
+        asked = [each for each in self._segmentation.between(*ends) if each.segment.begun]
+        if joint is None and all(each.segment.is_asked_in_c for each in asked):
+            cross = None
+            poses, covariances, mixed = self._at_once(asked, stamps, until, order, twists)
+        else:
+            poses, covariances, mixed, cross = self._one_by_one(
+                asked, stamps, until, order, joint, twists
+            )
         return Posterior(
             poses,
             covariances,
@@ -307,6 +301,51 @@ class GroundTruth:
             cross,
             mixed if twists else None,
         )
+
+    def _at_once(
+        self, asked: Sequence[Blended], stamps: Stamps, until: Stamps, order: Stamps, twists: bool
+    ) -> tuple[Array, Array, Twists | None]:
+        """Poses, covariances and twists of the ``asked`` segments, some at a time, by C."""
+        together = any(process.stamp_shared for _, process in self._processes)
+        answers = Answers(stamps, until, order, twists or together)
+        for begin in range(0, len(asked), _AT_ONCE):
+            some = asked[begin : begin + _AT_ONCE]
+            with _awake(some):
+                answers.add(some)
+        if not answers.are_whole:
+            raise ValueError(_TOO_EARLY)
+        covariances = answers.covariances
+        if answers.twists is not None and together:
+            covariances = covariances + _of_shared_stamps(answers.shared, answers.twists.means)
+        return answers.poses, covariances, answers.twists
+
+    def _one_by_one(
+        self,
+        asked: Sequence[Blended],
+        stamps: Stamps,
+        until: Stamps,
+        order: Stamps,
+        joint: JointCovariance | None,
+        twists: bool,
+    ) -> tuple[Array, Array, Twists | None, tuple[Array, ...] | None]:
+        """The same, and covariances of different poses, by NumPy or for ``joint``."""
+        with _awake(asked):
+            parts = [part for each in asked for part in _parts(each, order, stamps[order], until)]
+            together = any(part.epoch.process.stamp_shared for part in parts)
+            found = answers(
+                [Asked(p.segment, p.epoch, stamps[p.asked], until[p.asked]) for p in parts],
+                twists or together,
+            )
+            poses, covariances, mixed = _blend(len(stamps), parts, found)
+            cross = None
+            if joint is not None and len(stamps):
+                cross = joint.extend(stamps, until, covariances, parts, found)
+        if together and mixed is not None:
+            shared = np.zeros(len(stamps))
+            for part in parts:
+                shared[part.asked] += part.share * part.epoch.process.stamp_shared
+            covariances = covariances + _of_shared_stamps(shared, mixed.means)
+        return poses, covariances, mixed, cross
 
     def rest(self, before: int, samples: int) -> None:
         """Let segments answer queries before ``before`` (ns) by being conditioned anew.
@@ -342,12 +381,12 @@ class GroundTruth:
         after = np.clip(np.searchsorted(self._stamps, stamps), 1, last) if last else None
         if after is None:
             return np.ones(len(stamps), dtype=np.bool_)
-        intervals = np.diff(self._stamps)
-        sampled = intervals[after - 1] <= _GAP
+        sampled = self._stamps[after] - self._stamps[after - 1] <= _GAP
         sampled |= self._stamps[after] == stamps
         rare = np.flatnonzero(~sampled)
-        last_interval = after[rare] - 1
-        sampled[rare] = intervals[last_interval] <= 3.0 * _usual(intervals, last_interval)
+        if len(rare):
+            intervals, before = np.diff(self._stamps), after[rare] - 1
+            sampled[rare] = intervals[before] <= 3.0 * _usual(intervals, before)
         return np.asarray(sampled)
 
     def _nearest(self, stamps: Stamps) -> Stamps:
@@ -368,6 +407,19 @@ class GroundTruth:
         keep = max(keep, 0)
         self._stamps = self._stamps[keep:]
         self._cuts = self._cuts[self._cuts[:, 1] > before]
+
+
+@contextmanager
+def _awake(asked: Sequence[Blended]) -> Iterator[None]:
+    """Let segments that rest answer meanwhile."""
+    resting = [each.segment for each in asked if each.segment.rests]
+    for segment in resting:
+        segment.advance()
+    try:
+        yield
+    finally:
+        for segment in resting:
+            segment.rest()
 
 
 def _parts(blended: Blended, order: Stamps, sorted_stamps: Stamps, until: Stamps) -> Iterator[Part]:
@@ -397,7 +449,7 @@ def _blend(count: int, parts: list[Part], found: Answer) -> tuple[Array, Array, 
     share = np.concatenate([np.empty(0), *(part.share for part in parts)])
     total = np.bincount(asked, share, count)
     if (np.abs(total - 1.0) > 1e-6).any():
-        raise ValueError("a query lies before the retained segments")
+        raise ValueError(_TOO_EARLY)
     first = np.empty(count, dtype=np.intp)
     first[asked[::-1]] = np.arange(len(asked))[::-1]  # of two, the last one written
     second = np.flatnonzero(first[asked] != np.arange(len(asked)))
@@ -419,11 +471,8 @@ def _blend(count: int, parts: list[Part], found: Answer) -> tuple[Array, Array, 
     return poses, mixed(found.covariances), twists
 
 
-def _of_shared_stamps(parts: list[Part], twists: Array) -> Array:
-    """What stamps that are off together leave uncertain, along the ``twists`` (q, 6); (q, 6, 6)."""
-    std = np.zeros(len(twists))
-    for part in parts:
-        std[part.asked] += part.share * part.epoch.process.stamp_shared
+def _of_shared_stamps(std: Array, twists: Array) -> Array:
+    """What stamps that are off together by ``std`` (q,) leave uncertain along twists (q, 6)."""
     along = std[:, None] * twists
     return np.asarray(along[:, :, None] * along[:, None])
 

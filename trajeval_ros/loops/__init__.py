@@ -30,6 +30,7 @@ _KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.bool_))
 
 Argument = np.ndarray | int | float
 _byref, _from_buffer = ctypes.byref, ctypes.c_char.from_buffer
+_addressof = ctypes.addressof
 
 
 def _loaded() -> ctypes.CDLL | None:
@@ -102,6 +103,21 @@ def call(name: str, *arguments: Argument) -> int:
     return int(getattr(_library, name)(*map(_passed, arguments)))
 
 
+def address(values: np.ndarray) -> int:
+    """Where an array lies, as a loop may take it that reads many; who asks keeps the array."""
+    if values.dtype in _KINDS and values.flags.c_contiguous:
+        try:
+            return _addressof(_from_buffer(values))  # type: ignore[arg-type]
+        except (TypeError, ValueError):  # as below
+            return int(values.ctypes.data)
+    raise _no_array(values)
+
+
+def _no_array(values: np.ndarray) -> TypeError:
+    message = f"an array of {values.dtype} with strides {values.strides} is none for C"
+    return TypeError(message)
+
+
 def _passed(argument: Argument) -> object:
     """As C takes it."""
     if isinstance(argument, np.ndarray):
@@ -111,8 +127,7 @@ def _passed(argument: Argument) -> object:
             except (TypeError, ValueError):  # read-only, empty, or not in C's order
                 if argument.flags.c_contiguous:
                     return ctypes.c_void_p(argument.ctypes.data)
-        message = f"an array of {argument.dtype} with strides {argument.strides} is none for C"
-        raise TypeError(message)
+        raise _no_array(argument)
     if isinstance(argument, float):
         return ctypes.c_double(argument)
     return ctypes.c_int64(argument)

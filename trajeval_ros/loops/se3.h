@@ -8,9 +8,14 @@
 
 #include <stdint.h>
 
+int so3_exp(const double *phi, double *rotations, int64_t count, const double *table,
+            int64_t terms);
+int so3_right_jacobian(const double *phi, double *jacobians, int64_t count, const double *table,
+                       int64_t terms);
 int so3_log(const double *rotations, double *phi, int64_t count);
 int se3_inverse(const double *poses, double *inverses, int64_t count);
 int se3_adjoint(const double *poses, double *adjoints, int64_t count);
+int se3_exp(const double *xi, double *poses, int64_t count, const double *table, int64_t terms);
 int se3_log(const double *poses, double *xi, int64_t count, const double *table, int64_t terms);
 int se3_left_jacobian_inverse(const double *xi, double *jacobians, int64_t count,
                               const double *table, int64_t terms);
