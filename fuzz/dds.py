@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -62,8 +63,14 @@ class Feeder:
             require(time.monotonic() < deadline, "nobody listens")
             time.sleep(0.05)
 
+    def until_acknowledged(self) -> None:
+        """Wait until the evaluator has every message in its queue."""
+        for each in self._publishers:
+            require(each.wait_for_all_acked(Duration(seconds=_PATIENCE)), "it does not acknowledge")
+
     def come_back(self) -> None:
-        """Let the estimate's publisher go, and a new one come."""
+        """Let the estimate's publisher go, once all has arrived, and a new one come."""
+        self.until_acknowledged()
         self._node.destroy_publisher(self._publishers[1])
         self._publishers[1] = self._publisher(TOPICS["estimate"])
         self.until_heard()
@@ -140,6 +147,7 @@ def run(minutes: float, speed: float, folder: Path, domain: int) -> list[Tenth]:
         for number in range(count):
             share = marks.get(number)
             if share in _JUMPS:
+                feeder.until_acknowledged()
                 time.sleep(2.0)
                 feeder.jump_back()
             elif share == _RETURN:
@@ -155,7 +163,7 @@ def run(minutes: float, speed: float, folder: Path, domain: int) -> list[Tenth]:
             tenth.resident = max(tenth.resident, _resident(child.pid))
             progress.update(number + 1)
             require(child.poll() is None, f"the node ended with exit code {child.returncode}")
-        time.sleep(2.0)
+        feeder.until_acknowledged()
         child.send_signal(signal.SIGINT)
         require(child.wait(_PATIENCE) == 0, f"exit code {child.returncode}")
         _check(folder / "output", feeder.fed)

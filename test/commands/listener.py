@@ -19,7 +19,9 @@ kinds = {
 kind = kinds[names[0]] if names else PoseStamped
 rclpy.init()
 node = rclpy.create_node("listener")
+# The clock: time, and when it came.
 heard = {"ground_truth": [], "estimate": [], "clock": []}
+QUEUE = 10_000  # however slow this process is
 
 
 def nanoseconds(stamp) -> int:
@@ -48,18 +50,26 @@ def listen(name: str):
     return hear
 
 
-node.create_subscription(kind, ground_truth_topic, listen("ground_truth"), 1000)
-node.create_subscription(kind, estimate_topic, listen("estimate"), 1000)
-node.create_subscription(Clock, "/clock", lambda m: heard["clock"].append(nanoseconds(m.clock)), 10)
+def tick(message) -> None:
+    heard["clock"].append([nanoseconds(message.clock), time.monotonic_ns()])
+
+
+def is_all_there() -> bool:
+    poses = heard["ground_truth"] + heard["estimate"]
+    if len(poses) < int(expected) or not heard["clock"]:
+        return False
+    # The last tick is that of the last pose, and comes after it.
+    return heard["clock"][-1][0] >= max(pose[0] for pose in poses)
+
+
+node.create_subscription(kind, ground_truth_topic, listen("ground_truth"), QUEUE)
+node.create_subscription(kind, estimate_topic, listen("estimate"), QUEUE)
+node.create_subscription(Clock, "/clock", tick, QUEUE)
 executor = SingleThreadedExecutor()
 executor.add_node(node)
 deadline = time.monotonic() + float(seconds)
-while time.monotonic() < deadline and len(heard["ground_truth"]) + len(heard["estimate"]) < int(
-    expected
-):
+while time.monotonic() < deadline and not is_all_there():
     executor.spin_once(timeout_sec=0.1)
-for _ in range(20):
-    executor.spin_once(timeout_sec=0.01)
 sys.stdout.write(json.dumps(heard) + "\n")
 node.destroy_node()
 rclpy.shutdown()

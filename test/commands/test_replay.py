@@ -23,6 +23,8 @@ from trajeval_ros.files.tum import read_tum
 
 ROOT = Path(__file__).resolve().parents[2]
 LISTENER = Path(__file__).with_name("listener.py")
+PATIENCE = 120
+"""How long a listener may wait for what it expects, s. Reached only when a test fails."""
 
 ros = pytest.mark.ros
 
@@ -73,13 +75,13 @@ def test_every_message_arrives_once_and_exactly(
 ) -> None:
     expected = {"ground_truth": read_tum(run[0]), "estimate": read_tum(run[1])}
     total = sum(map(len, expected.values()))
-    listener = start(LISTENER, "/mocap", "/odom", total, 30)
+    listener = start(LISTENER, "/mocap", "/odom", total, PATIENCE)
     player = replay(
         *("tum", *run, "--rate", 6, "--frame-id", "map"),
         *("--ros-args", "-r", "ground_truth:=/mocap", "-r", "estimate:=/odom"),
     )
-    output, errors = player.communicate(timeout=60)
-    heard: dict[str, Any] = json.loads(listener.communicate(timeout=60)[0])
+    output, errors = player.communicate(timeout=2 * PATIENCE)
+    heard: dict[str, Any] = json.loads(listener.communicate(timeout=2 * PATIENCE)[0])
     assert player.returncode == 0, errors
     counts = f"ground_truth {len(expected['ground_truth'])}, estimate {len(expected['estimate'])}"
     assert output.startswith(f"published {counts} in ")
@@ -90,13 +92,14 @@ def test_every_message_arrives_once_and_exactly(
         assert {message[1] for message in heard[name]} == {frame}
         assert [message[2] for message in heard[name]] == trajectory.positions.tolist()
         assert [message[3] for message in heard[name]] == trajectory.quaternions.tolist()
-    clock = np.array(heard["clock"])
+    clock, came = np.array(heard["clock"]).T
     assert np.all(np.diff(clock) >= 0)
     stamps = np.concatenate([expected["ground_truth"].stamps, expected["estimate"].stamps])
     assert stamps.min() <= clock[0]
     assert clock[-1] == stamps.max()
-    # no hole in the clock, not even in a dropout of 4 s
-    assert np.diff(clock).max() < 1.5e9
+    # No hole in the clock, not even in a dropout of 2.5 s, but where the machine stood still.
+    assert np.diff(expected["ground_truth"].stamps).max() > 2.5e9
+    assert np.all(np.diff(clock) < 1.5e9 + 6 * np.diff(came))
 
 
 @ros
@@ -106,11 +109,11 @@ def test_the_type_of_the_messages(
 ) -> None:
     expected = {"ground_truth": read_tum(run[0]), "estimate": read_tum(run[1])}
     total = sum(map(len, expected.values()))
-    listener = start(LISTENER, "/ground_truth", "/estimate", total, 30, name)
+    listener = start(LISTENER, "/ground_truth", "/estimate", total, PATIENCE, name)
     player = replay("tum", *run, "--rate", 12, "--type", name)
-    _, errors = player.communicate(timeout=60)
+    _, errors = player.communicate(timeout=2 * PATIENCE)
     assert player.returncode == 0, errors
-    heard: dict[str, Any] = json.loads(listener.communicate(timeout=60)[0])
+    heard: dict[str, Any] = json.loads(listener.communicate(timeout=2 * PATIENCE)[0])
     for topic, trajectory in expected.items():
         assert [message[0] for message in heard[topic]] == trajectory.stamps.tolist()
         assert [message[2] for message in heard[topic]] == trajectory.positions.tolist()
@@ -147,7 +150,7 @@ def test_a_stamp_that_does_not_fit_is_named_by_its_row(
     bad = tmp_path / "estimate.txt"
     bad.write_text("# stamp tx ty tz qx qy qz qw\n1750000001 0 0 0 0 0 0 1\n-2 0 0 0 0 0 0 1\n")
     player = replay("tum", run[0], bad, "--wait", 0)
-    output, errors = player.communicate(timeout=60)
+    output, errors = player.communicate(timeout=2 * PATIENCE)
     assert player.returncode == 1
     assert output == f"{bad}: rows are not in the order of time (1 steps back): sorted\n"
     assert errors.strip() == f"replay: error: {bad}, row 3: the stamp does not fit a ROS message"
@@ -156,7 +159,7 @@ def test_a_stamp_that_does_not_fit_is_named_by_its_row(
 @ros
 def test_nobody_listens(run: tuple[Path, Path], replay: Start) -> None:
     player = replay("tum", *run, "--wait", 0.5)
-    output, errors = player.communicate(timeout=60)
+    output, errors = player.communicate(timeout=2 * PATIENCE)
     assert player.returncode == 1
     assert output == ""
     assert errors.strip() == (
@@ -170,11 +173,11 @@ def test_a_signal_ends_it_well(
     signal_number: int, run: tuple[Path, Path], start: Start, replay: Start
 ) -> None:
     once = sum(len(read_tum(path)) for path in run)
-    listener = start(LISTENER, "/ground_truth", "/estimate", 2 * once, 30)
+    listener = start(LISTENER, "/ground_truth", "/estimate", 2 * once, PATIENCE)
     player = replay("tum", *run, "--loop", "--rate", 50)
-    listener.communicate(timeout=60)
+    listener.communicate(timeout=2 * PATIENCE)
     player.send_signal(signal_number)
-    output, errors = player.communicate(timeout=60)
+    output, errors = player.communicate(timeout=2 * PATIENCE)
     assert player.returncode == 0, errors
     assert "Traceback" not in errors
     published = int(output.split("estimate ")[1].split()[0])
@@ -205,7 +208,7 @@ def test_wrong_ros_arguments(
     arguments: tuple[str, str], run: tuple[Path, Path], replay: Start
 ) -> None:
     player = replay("tum", *run, "--ros-args", *arguments)
-    _, errors = player.communicate(timeout=60)
+    _, errors = player.communicate(timeout=2 * PATIENCE)
     assert player.returncode == 2
     ours = [line for line in errors.splitlines() if line.startswith("replay: error: ")]
     assert len(ours) == 1

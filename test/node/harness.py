@@ -31,7 +31,7 @@ from trajeval_ros.online.samples import PoseSamples
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
-PATIENCE = 40.0
+PATIENCE = 120.0
 """How long a condition may take, s. Reached only when a test fails."""
 
 
@@ -117,6 +117,7 @@ class Graph:
         self._executor.add_node(self.node)
         self.received: dict[str, list[Any]] = defaultdict(list)
         self.listen(DiagnosticArray, "/diagnostics")
+        self._are_known = True  # the listeners, to the node
 
     def close(self) -> None:
         for process in self._processes:
@@ -145,10 +146,31 @@ class Graph:
     def listen(self, kind: type, topic: str, *, latched: bool = False) -> list[Any]:
         """Return the list that the messages of a topic go to."""
         heard = self.received[topic]
+        self._are_known = False
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         quality = QoSProfile(depth=10_000, durability=durability)
         self.node.create_subscription(kind, topic, heard.append, quality)
         return heard
+
+    def until_known(self, prefix: str = "evaluator") -> None:
+        """Wait until the node knows of all that is listened to here.
+
+        That a listener knows of the node, and the graph of both, proves nothing: what the node
+        publishes before it knows of the listener is lost. But a participant tells of its readers
+        in the order in which they were made (DDSI-RTPS's discovery is reliable and in order): when
+        the one that was made last is served, all others are.
+        """
+        heard: list[Any] = []
+        last = self.node.create_subscription(
+            DiagnosticArray, "/diagnostics", heard.append, QoSProfile(depth=100)
+        )
+        ours = f"{prefix}: "
+        self.until(
+            lambda: any(s.name.startswith(ours) for message in heard for s in message.status),
+            "the node's health at the last listener",
+        )
+        self.node.destroy_subscription(last)
+        self._are_known = True
 
     def spin(self, seconds: float = 0.02) -> None:
         self._executor.spin_once(timeout_sec=seconds)
@@ -214,20 +236,21 @@ class Graph:
         return self.node.create_publisher(kind, topic, quality)
 
     def until_heard(self, *publishers: Any) -> None:
-        """Wait until each publisher has a subscriber."""
+        """Wait until each publisher has a subscriber, and the node knows of all listeners here."""
         self.until(
             lambda: all(p.get_subscription_count() for p in publishers),
             "subscriptions to " + ", ".join(p.topic_name for p in publishers),
         )
+        if not self._are_known:
+            self.until_known()
 
     def rehearse(self, is_heard: Callable[[], Any], what: str, node: str = "/evaluator") -> None:
         """Publish a run of the past until all is heard that will be waited for, and start over.
 
-        Whether a writer knows of a reader in another process nobody else can see, neither in the
-        graph nor by counting: a reader may know of a writer that does not know of it, and topics
-        become known one by one. What has arrived proves it. ``is_heard`` asks for something of
-        every topic, at every listener; the node has forgotten the rehearsal when this returns,
-        and nothing that is published from then on will be missed.
+        For listeners in other processes: whether the node knows of them can be seen neither in the
+        graph nor by counting, and topics become known one by one. What has arrived proves it.
+        ``is_heard`` asks for something of every topic, at every listener; the node has forgotten
+        the rehearsal when this returns, and nothing that is published from then on is missed.
         """
         names = ("ground_truth", "estimate")
         publishers = [self.publisher(f"/{name}") for name in names]

@@ -22,14 +22,14 @@ def main() -> None:
     rclpy.init(args=[])
     node = rclpy.create_node("listener")
 
-    def heard(message: object) -> None:
-        sys.stdout.write("heard\n")
+    def say(topic: str) -> None:
+        sys.stdout.write(f"heard {topic}\n")
         sys.stdout.flush()
 
     for topic, kind in TOPICS.items():
-        node.create_subscription(kind, f"/evaluator/{topic}", heard, QoSProfile(depth=10))
-    sys.stdout.write("listening\n")
-    sys.stdout.flush()
+        node.create_subscription(
+            kind, f"/evaluator/{topic}", lambda _, topic=topic: say(topic), QoSProfile(depth=10)
+        )
     rclpy.spin(node)
 
 

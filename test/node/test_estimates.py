@@ -115,7 +115,7 @@ def test_three_publishers_one_ground_truth(graph: Graph, tmp_path: Path) -> None
     node = graph.start_evaluator(
         estimates=list(NAMES), output__directory=str(tmp_path / "out"), **options
     )
-    graph.until(graph.health, "diagnostics")
+    graph.until_known()
     assert {*NAMES, "ground truth", "synchronization", "consistency"} <= set(graph.health())
 
     publishers = Publishers(graph, tmp_path)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import data
+import listener as listener_process
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
@@ -377,13 +378,12 @@ def received(graph: Graph, namespace: str, topic: str) -> int:
 def test_a_subscriber_that_stands_still_slows_nothing(graph: Graph, tmp_path: Path) -> None:
     """A reliable subscriber to everything that has stopped taking its messages."""
     graph.start_evaluator(output__directory=str(tmp_path / "out"), **FIXED)
-    listener = graph.start(str(Path(__file__).parent / "listener.py"))
-    graph.until(lambda: "listening" in listener.output, "a listener")
-    counts = play(graph, 3.0)
-    graph.until_accounted("estimate", counts[1])
-    graph.until(lambda: "heard" in listener.output, "a metric at the listener")
+    listener = graph.start(str(Path(listener_process.__file__)))
+    graph.rehearse(
+        lambda: all(f"heard {topic}\n" in listener.output for topic in listener_process.TOPICS),
+        "every topic at the listener",
+    )
     listener.send(signal.SIGSTOP)
-    assert graph.call("/evaluator/reset").success
     counts = play(graph, 20.0)
     # Were each message to wait for room, 100 ms with Fast DDS, all this would take minutes.
     graph.until_accounted("ground_truth", counts[0])

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +30,11 @@ class Bag:
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
         self.clock = graph.publisher("/clock", Clock)
+        self.now = DURATION
         self.publishers = [graph.publisher(topic) for topic in ("ground_truth", "estimate")]
         truth, estimate = data.run(DURATION)
         self.streams = [data.messages(PoseStamped, each) for each in (truth, estimate)]
-        graph.until_heard(*self.publishers)
+        graph.until_heard(self.clock, *self.publishers)
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -42,10 +44,15 @@ class Bag:
         stamp = data.START + round(seconds * data.SECOND)
         self.clock.publish(Clock(clock=data.stamp_message(stamp)))
 
-    def play(self, until: float = DURATION) -> None:
-        """Publish all, with a tick before each tenth of a second; the node spins in between."""
-        for tenth in range(round(until * 10)):
+    def play(self, jumps: int = 0) -> None:
+        """Publish all, with a tick before each tenth of a second; the node spins in between.
+
+        After the first tenth the node is to have seen so many jumps.
+        """
+        for tenth in range(round(DURATION * 10)):
             self.tick(tenth / 10)
+            if tenth == 1:
+                self.graph.until(partial(self._have_jumped, jumps), f"{jumps} jumps counted")
             begin = data.START + tenth * data.SECOND // 10
             for publisher, stream in zip(self.publishers, self.streams, strict=True):
                 for message in stream:
@@ -53,6 +60,12 @@ class Bag:
                     if begin <= stamp < begin + data.SECOND // 10:
                         publisher.publish(message)
             self.graph.spin(0.01)
+
+    def _have_jumped(self, jumps: int) -> bool:
+        # A node that is busy takes the newest tick only.
+        self.tick(0.1)
+        clock = self.graph.health().get("clock")
+        return clock is not None and values_of(clock)["jumps_back"] == str(jumps)
 
 
 def received(graph: Graph, sizes: tuple[int, ...]) -> None:
@@ -71,20 +84,31 @@ def test_waiting_for_the_clock_and_then_it_comes(graph: Graph) -> None:
     graph.until_health("clock", "waiting for /clock", level=1)
     bag.play()
     received(graph, bag.sizes)
-    graph.until_health("clock", "running", level=0)
+    graph.until(partial(is_running, bag), "a clock that runs")
     # The clock stands still and the diagnostics go on, on the steady clock.
     graph.until_health("clock", "/clock stands still", level=1)
 
 
+def is_running(bag: Bag) -> bool:
+    """Whether the node says so of a clock that goes on."""
+    bag.now += 0.01
+    bag.tick(bag.now)
+    status = bag.graph.health()["clock"]
+    return "running" in status.message and status.level == bytes([0])
+
+
 def test_a_bag_that_loops_saves_and_starts_over(graph: Graph, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    node = graph.start_evaluator(use_sim_time=True, output__directory=str(out), **FIXED)
+    # What a burst has no room for comes 3 s later; at ten times the speed.
+    node = graph.start_evaluator(
+        use_sim_time=True, output__directory=str(out), max_wait=60.0, **FIXED
+    )
     markers = graph.listen(MarkerArray, "/evaluator/markers", latched=True)
     bag = Bag(graph)
     bag.play()
     received(graph, bag.sizes)
     for run in (1, 2):
-        bag.play()
+        bag.play(jumps=run)
         graph.until(lambda run=run: (out / f"run_{run}" / "summary.json").exists(), "a saved run")
         summary = summary_in(out / f"run_{run}")
         # What comes before the clock's jump is seen is out of order in the old run.
@@ -92,12 +116,7 @@ def test_a_bag_that_loops_saves_and_starts_over(graph: Graph, tmp_path: Path) ->
         assert summary["estimate"]["received"] - late <= bag.sizes[1], summary["estimate"]
         assert summary["estimate"]["evaluated"] > 0.8 * bag.sizes[1], summary["estimate"]
         assert accounted(summary["estimate"], "evaluated")
-        assert "/clock jumped back by" in node.output
-
-    def jumps() -> bool:
-        return values_of(graph.health()["clock"])["jumps_back"] == "2"
-
-    graph.until(jumps, "two jumps counted")
+    assert node.output.count("/clock jumped back by") == 2
     last = bag.streams[1][-1].header.stamp
     newest = repr((last.sec * data.SECOND + last.nanosec) / data.SECOND)
     graph.until(

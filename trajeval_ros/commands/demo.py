@@ -185,6 +185,11 @@ class _Page:
         self._child: Child | None = None
         self._opens = opens and _has_screen()
 
+    @property
+    def is_alive(self) -> bool:
+        """Whether there is a page, or may be one yet."""
+        return self._child is not None and self._child.exit_code() is None
+
     def offer(self, state: Any) -> None:
         """Say the address once it is there, and open it where there is a screen."""
         if self._child is None or state.page:
@@ -218,9 +223,13 @@ def _has_screen() -> bool:
 
 
 def _wait(monitor: Any, view: Any, state: Any, node: Child, page: _Page) -> None:
-    """Wait until the node can be heard, or for as long as its discovery may take."""
+    """Wait until the node is heard and the page is there, or as long as discovery may take."""
+
+    def is_ready() -> bool:
+        return monitor.is_connected and bool(state.page or not page.is_alive)
+
     deadline = time.monotonic() + _READY_PATIENCE
-    while not monitor.is_connected and time.monotonic() < deadline:
+    while not is_ready() and time.monotonic() < deadline:
         monitor.listen(0.05)
         page.offer(state)
         view.show(state)

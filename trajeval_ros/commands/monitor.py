@@ -32,14 +32,15 @@ class Monitor(Participant):
         self._node.create_subscription(
             DiagnosticArray, "/evaluator/comparison", self._comparison, qos
         )
+        # Last: a node learns of a participant's readers in the order in which they were made.
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnostics, qos)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
 
     @property
     def is_connected(self) -> bool:
-        """Whether the node is there to be heard."""
-        return self._node.count_publishers(_METRICS) > 0
+        """Whether the node has been heard: its health, so that it knows of the other readers."""
+        return bool(self._state.health)
 
     def listen(self, seconds: float) -> None:
         """Take in what comes within this time."""

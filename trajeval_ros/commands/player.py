@@ -205,8 +205,9 @@ class Player(Participant):
     def wait_for_acknowledgement(self, seconds: float) -> bool:
         """Wait until every subscriber has every message; say whether that came about."""
         timeout = Duration(seconds=seconds)
+        publishers = [*self._publishers, *([] if self._clock is None else [self._clock])]
         # Of all, even when the first one fails.
-        acknowledged = [publisher.wait_for_all_acked(timeout) for publisher in self._publishers]
+        acknowledged = [publisher.wait_for_all_acked(timeout) for publisher in publishers]
         return all(acknowledged)
 
     def say_all_is_sent(self, seconds: float) -> None:

@@ -82,6 +82,21 @@ def test_rows_are_gathered_however_the_columns_come(
     assert stamps == sorted(set(stamps))
 
 
+def test_a_column_that_is_late_at_the_beginning_is_waited_for() -> None:
+    gathered = Gathered(2)
+    for stamp in (1, 2):
+        gathered.put(stamp, 0, 1.0)
+    assert gathered.ready(of_all_columns=True) == []
+    gathered.put(1, 1, 2.0)
+    assert gathered.ready(of_all_columns=True) == [(1, [1.0, 2.0])]
+    gathered.put(3, 0, 1.0)
+    assert gathered.ready() == []
+    assert gathered.ready(all_of_them=True, of_all_columns=True) == [
+        (2, [1.0, None]),
+        (3, [1.0, None]),
+    ]
+
+
 def test_what_comes_after_its_row_is_gone_makes_no_second_row() -> None:
     gathered = Gathered(2)
     gathered.put(1, 0, 1.0)

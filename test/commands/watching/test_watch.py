@@ -108,14 +108,18 @@ def until_shown(graph: Graph, page: Watch, metrics: list[Any]) -> dict[str, Any]
     return graph.until(there, "the topic's figures on the page")
 
 
-def until_met(graph: Graph, page: Watch, node: str = "/evaluator") -> None:
-    """Wait until the page has found the node, and the node the page."""
-    graph.until(
-        lambda: page.is_said("waiting", "nothing is evaluated yet") or page.is_said("live"),
-        "the node on the page",
-    )
-    for topic in ("absolute/translation_error", "ground_truth/pose", "metrics"):
-        graph.until(partial(graph.node.count_subscribers, f"{node}/{topic}"), topic)
+def until_met(graph: Graph, page: Watch, node: str = "/evaluator", run: int = 0) -> None:
+    """Wait until the node, of this run on the page, knows of all that page and test listen to.
+
+    The page's reader of the health is the one that was made last.
+    """
+
+    def met() -> bool:
+        message = page.message
+        return message["run"] >= run and bool(message["sections"]["health"]["now"])
+
+    graph.until(met, "the node's health on the page")
+    graph.until_known(node.removeprefix("/"))
 
 
 def whole_rows(message: Any) -> list[Any]:
@@ -124,30 +128,17 @@ def whole_rows(message: Any) -> list[Any]:
     return [row for row in curves["rows"] if None not in row]
 
 
-def is_whole(message: Any) -> bool:
-    """Whether every topic of one estimate has reached the page."""
-    shown = message["sections"]
-    paths = ("path/ground_truth", "path/estimate")
-    return bool(
-        shown.get("estimate/estimate", {}).get("figures")
-        and all(shown.get(path) for path in paths)
-        and shown["health"]["now"]
-        and whole_rows(message)
-    )
-
-
 def test_every_browser_shows_the_topics_figures(graph: Graph, tmp_path: Path) -> None:
     page = Watch(graph)
     assert page.is_said("waiting", "waiting for /evaluator")
     browsers = [Browser(page.port) for _ in range(10)]
     sleeper = socket.create_connection(("127.0.0.1", page.port))
     sleeper.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
-    # Before the node, so that it knows of them when it knows of the page.
     metrics = graph.listen(DiagnosticArray, "/evaluator/metrics")
     vectors = graph.listen(Vector3Stamped, "/evaluator/absolute/translation_error")
     evaluator = graph.start_evaluator()
-    graph.rehearse(lambda: metrics and vectors and is_whole(page.message), "every topic")
-    graph.until(lambda: page.message["run"] > 0, "another run on the page")
+    until_met(graph, page)
+    graph.until(lambda: page.is_said("waiting", "nothing is evaluated yet"), "the node, waiting")
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
     sections = until_shown(graph, page, metrics)
@@ -264,16 +255,16 @@ def test_a_node_that_ends_and_comes_back_is_said(graph: Graph, tmp_path: Path) -
     until_met(graph, page)
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
-    graph.until(lambda: page.message["curves"]["errors/estimate"]["rows"], "curves")
+    graph.until(lambda: whole_rows(page.message), "curves")
     assert first.end() == 0
     graph.until(lambda: page.is_said("ended", "/evaluator has ended"), "its end")
     # What was there stays to be looked at.
-    assert page.message["curves"]["errors/estimate"]["rows"]
+    assert whole_rows(page.message)
     assert page.message["run"] == 0
     graph.received["/diagnostics"].clear()
     metrics = graph.listen(DiagnosticArray, "/evaluator/metrics")
     graph.start_evaluator()
-    graph.until(lambda: page.message["run"] == 1, "another run")
+    until_met(graph, page, run=1)
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
     until_shown(graph, page, metrics)
@@ -328,9 +319,9 @@ def test_a_node_that_is_killed_is_said_and_comes_back(graph: Graph, tmp_path: Pa
     # DDS gives a dead participant some twenty seconds.
     graph.until(lambda: page.is_said("gone", "the publisher is gone"), "gone")
     graph.received["/diagnostics"].clear()
-    graph.start_evaluator()
-    until_met(graph, page)
     metrics = graph.listen(DiagnosticArray, "/evaluator/metrics")
+    graph.start_evaluator()
+    until_met(graph, page, run=1)
     count, _ = play(graph, tmp_path)
     graph.until_accounted("estimate", count)
     until_shown(graph, page, metrics)

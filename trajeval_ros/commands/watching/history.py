@@ -79,7 +79,7 @@ class Gathered:
     """Values of several columns, each in the order of its stamps, gathered into rows.
 
     A column's values arrive in order, so that what is not there when a later one is will not come
-    any more. A column that was never heard is not waited for.
+    any more. A column of which there has been none yet may be one that there is not.
     """
 
     def __init__(self, columns: int, most: int = 5000) -> None:
@@ -90,6 +90,11 @@ class Gathered:
         self._newest: list[int | None] = [None] * columns
         self._taken: int | None = None
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether there has been a value of any column."""
+        return any(stamp is not None for stamp in self._newest)
+
     def put(self, stamp: int, column: int, value: float) -> None:
         """Take in a value, under its stamp in ns; what comes after its row is gone is left out."""
         if self._taken is not None and stamp <= self._taken:
@@ -98,11 +103,18 @@ class Gathered:
         row[column] = value if math.isfinite(value) else None
         self._newest[column] = stamp
 
-    def ready(self, *, all_of_them: bool = False) -> list[tuple[int, list[float | None]]]:
-        """Take out the rows that are complete, in the order of their stamps, or all there are."""
+    def ready(
+        self, *, all_of_them: bool = False, of_all_columns: bool = False
+    ) -> list[tuple[int, list[float | None]]]:
+        """Take out the rows that are complete, in the order of their stamps, or all there are.
+
+        ``of_all_columns``: a column of which there has been none yet is waited for, too.
+        """
         heard = [stamp for stamp in self._newest if stamp is not None]
         if not heard or not self._rows:
             return []
+        if of_all_columns and len(heard) < self._columns:
+            heard.append(min(self._rows) - 1)
         stamps = sorted(self._rows)
         until = stamps[-1] if all_of_them or len(stamps) > self._most else min(heard)
         found = [(stamp, self._rows.pop(stamp)) for stamp in stamps if stamp <= until]

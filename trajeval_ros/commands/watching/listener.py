@@ -32,7 +32,8 @@ _SECOND = 1_000_000_000
 _DISCOVERY_PERIOD = 0.5
 # The health comes once a second, whatever the data do.
 _SILENCE = 4.0
-# What is not complete by then will not be: the middleware sends again within 3 s.
+# What is not complete by then will not be: the middleware sends again within 3 s. A column that has
+# not been heard for so long since the run's first one is not there.
 _PATIENCE = 4.0
 # Of a topic in one turn; what is beyond it waits for the next one.
 _MOST = 5000
@@ -89,6 +90,7 @@ class _Estimate:
     def start_over(self) -> None:
         self.gathered = Gathered(len(ERRORS))
         self.heard = time.monotonic()
+        self.began: float | None = None
 
     def close(self) -> None:
         for topic in (*self.errors, self.pose, self.path):
@@ -112,10 +114,12 @@ class Listener(Participant):
         )
         self._metrics = _Topic(self._node, DiagnosticArray, f"{self._prefix}metrics", _FEW)
         self._compared = _Topic(self._node, DiagnosticArray, f"{self._prefix}comparison", _FEW)
-        self._diagnostics = _Topic(self._node, DiagnosticArray, "/diagnostics", _FEW)
         self._truth = _Topic(self._node, Path, f"{self._prefix}{GROUND_TRUTH}/path", _LATCHED)
         # Before the node is there: of one that evaluates at once nothing is missed.
         self._estimates = {"": _Estimate(self._node, self._prefix, "")}
+        # Last: a node learns of a participant's readers in the order in which they were made. One
+        # whose health is heard knows of all of them.
+        self._diagnostics = _Topic(self._node, DiagnosticArray, "/diagnostics", _FEW)
         self._publishers: frozenset[tuple[int, ...]] = frozenset()
         self._run = watched.run
         self._heard = 0.0
@@ -258,7 +262,12 @@ class Listener(Participant):
             for pose, *widths in zip(poses, *bands, strict=True):
                 for column, width in enumerate(widths, len(estimate.errors)):
                     gathered.put(_stamp(pose), column, float(width))
-        rows = gathered.ready(all_of_them=now - estimate.heard > _PATIENCE)
+        if estimate.began is None and gathered.has_begun:
+            estimate.began = now
+        rows = gathered.ready(
+            all_of_them=now - estimate.heard > _PATIENCE,
+            of_all_columns=estimate.began is None or now - estimate.began <= _PATIENCE,
+        )
         self._watched.take_errors(name, rows)
 
     def _take_path(self, name: str, message: Any) -> None:
