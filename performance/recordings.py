@@ -42,6 +42,8 @@ SOURCES = Path(__file__).with_name("recordings.csv")
 RATES = (20, 10, 5, 2)
 OWN = 0
 """Stands for the rate of every second sample."""
+CURVE = "splines"
+"""In the kind of a recording whose samples were read off a fitted curve, and not measured."""
 HALVES = ("held out", "chosen on")
 WAYS = {KERNELS[0]: "learned first", ON_THE_WAY: "learned on the way"}
 _PAGE = "calibration.md"
@@ -105,6 +107,7 @@ def overview(measured: list[Measured]) -> Table:
         "knows",
         "cells",
         "typical ANEES factor",
+        "likewise, of measurements",
         "ANEES",
         "95 % holds",
         "position RMSE / spline's",
@@ -115,11 +118,13 @@ def overview(measured: list[Measured]) -> Table:
 
 def _overview(measured: list[Measured], known: Known) -> tuple[tuple[str, ...], ...]:
     rows = []
+    measurements = {row["name"] for row in sources() if CURVE not in row["kind"]}
     for half, thinned, process in product(HALVES, (True, False), WAYS):
         cells = [cell for cell in _of_half(measured, half) if (cell.rate != OWN) is thinned]
         if not cells:
             continue
         anees = figure(cells, known, process, "anees")
+        true = [a for a, cell in zip(anees, cells, strict=True) if cell.sequence in measurements]
         rows.append(
             (
                 half,
@@ -128,6 +133,7 @@ def _overview(measured: list[Measured], known: Known) -> tuple[tuple[str, ...], 
                 "all samples" if known is with_all_data else "lag",
                 str(len(cells)),
                 f"{typical_factor(list(anees)):.2f}",
+                f"{typical_factor(true):.2f}",
                 f"{anees.min():.3f} to {anees.max():.1f}",
                 f"{100 * figure(cells, known, process, 'coverage').mean():.1f} %",
                 f"{beside_spline(cells, known, process, 'position_rmse'):.2f}",

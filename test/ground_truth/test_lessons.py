@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from trajeval_ros import se3
-from trajeval_ros.ground_truth.lessons import Lessons
+from trajeval_ros.ground_truth.lessons import Lesson, Lessons
 from trajeval_ros.ground_truth.models import MODELS
 from trajeval_ros.ground_truth.segment import Samples, Segment
 
@@ -59,3 +59,43 @@ def test_rest_alone_teaches_its_noise():
     for learned in process.learned:
         total = np.exp(learned.theta[-1])
         assert 1.6e-4 < total < 2.6e-4
+
+
+def shaken(start, seed, noise, late=0.0):
+    """Two seconds at 200 Hz from ``start`` (s) on, of motion up to 10 Hz; stamps up to so ``late``.
+
+    It is too fast for the samples at 25 Hz that lessons learn motion from.
+    """
+    rng = np.random.default_rng(seed)
+    times = start + 0.005 * np.arange(400)
+    xi = rng.normal(0.0, noise, (400, 6))
+    for overtone in range(1, 25):
+        phases = times[:, None] * overtone * [1.2, 2.2, 3.0, 1.0, 1.7, 2.7] + rng.uniform(0, 6, 6)
+        xi += np.sin(phases) * [0.5, 0.4, 0.1, 0.3, 0.2, 0.2] / overtone**2
+    times += rng.uniform(0.0, late, len(times))
+    return Segment(Samples((times * 1e9).astype(np.int64), se3.exp(xi)))
+
+
+def learned_twice(monkeypatch, model, noise, late=0.0):
+    """What is learned of shaken segments, and without what neighbours show."""
+    segments = [shaken(2.0 * i, i, noise, late) for i in range(8)]
+    close = Lessons(model, (1e-6, 1e-6)).learn(segments).learned
+    monkeypatch.setattr(Lesson, "_neighbours", lambda self, columns: [])
+    return close, Lessons(model, (1e-6, 1e-6)).learn(segments).learned
+
+
+@pytest.mark.parametrize("noise", [2e-5, 1e-4])
+def test_neighbours_show_noise_that_is_less_than_usual(monkeypatch, noise):
+    for close, apart in zip(*learned_twice(monkeypatch, MODELS["matern52"], noise), strict=True):
+        assert 0.8 < np.exp(close.theta[-1]) / noise < 1.7 < np.exp(apart.theta[-1]) / noise
+        np.testing.assert_array_equal(close.theta[:-1], apart.theta[:-1])
+
+
+@pytest.mark.parametrize(
+    ("model", "noise", "late"),
+    [("matern52", 1e-3, 0.0), ("matern52", 2e-5, 2e-3), ("matern32", 2e-5, 0.0)],
+    ids=["usual noise", "stamps off by more than it", "no noise is usual"],
+)
+def test_neighbours_count_only_where_they_show_less_than_usual(monkeypatch, model, noise, late):
+    close, apart = learned_twice(monkeypatch, MODELS[model], noise, late)
+    assert close == apart

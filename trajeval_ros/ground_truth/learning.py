@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 import numpy.typing as npt
@@ -151,18 +152,22 @@ def learn(
     soft_limit: float,
     before: Array | None = None,
     moving: bool = True,
+    neighbours: Sequence[Record | None] = (),
 ) -> Learned | None:
     """Return what is most probable given ``records``; None without data.
 
     ``accuracy``: the instrument's, which adds to the learned noise; ``soft_limit``: more noise than
     this is improbable; ``before``: the θ learned from less data, near which alone it then searches.
     Without ``moving`` the records show noise alone, and the motion to come is taken to be common.
+    ``neighbours``: of each record, samples that follow each other, which may show less noise than
+    is usual; or None.
     """
-    records = [record for record in records if len(record.times) > 3]
+    enough = [len(record.times) > 3 for record in records]
+    records = list(compress(records, enough))
     if not records:
         return None
     grid = Grid.of([r.times for r in records], [r.values for r in records], accuracy, soft_limit)
-    floored = [Record(r.times, r.values, r.variances + accuracy**2) for r in records]
+    floored = [_floored(record, accuracy) for record in records]
     bounds = np.array(model.bounds(grid))
     if moving:
         starts = model.starts(grid) if before is None else [before]
@@ -177,7 +182,31 @@ def learn(
     if not math.isfinite(point.value):
         return None
     theta = np.clip(point.theta.round(_DECIMALS), *bounds.T)
+    known = list(zip(compress(neighbours, enough), regimes, strict=False))
+    close = [_floored(record, accuracy) for record, _ in known if record is not None]
+    if close:
+        there = [regime for record, regime in known if record is not None]
+        theta = _cleaner(model, grid, Posterior(model, grid, close, there), theta, bounds)
     return Learned(model, grid, theta, accuracy, frozenset(regimes))
+
+
+def _floored(record: Record, accuracy: float) -> Record:
+    return Record(record.times, record.values, record.variances + accuracy**2)
+
+
+def _cleaner(model: Model, grid: Grid, neighbours: Posterior, theta: Array, bounds: Array) -> Array:
+    """θ with the noise that ``neighbours`` show, where that is less, and less than is usual.
+
+    The motion stays as it is: from neighbours it would learn the noise that is correlated, too. And
+    what they show of noise that is usual is the smaller part of it.
+    """
+    held = bounds.copy()
+    held[:-1] = theta[:-1, None]
+    found = maximum(neighbours, theta, held)
+    cleaner = np.clip(found.theta.round(_DECIMALS), *held.T)
+    # The prior of noise that is less than usual rises with it.
+    unusual = model.log_prior(cleaner, grid)[1][-1] > 0.0
+    return cleaner if unusual and cleaner[-1] < theta[-1] else theta
 
 
 def nothing(

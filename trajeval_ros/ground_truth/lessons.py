@@ -33,6 +33,12 @@ _TURNING = 0.5
 # so many are left, and so many segments, evenly over the run.
 SAMPLES = 48
 SEGMENTS = 16
+# Of every second one, so many that follow each other, besides: where the recording is cleaner than
+# usual they show it.
+NEIGHBOURS = 128
+# No clock has ticks too many: where more of the intervals are so much shorter than the usual one,
+# stamps are uncertain, and what is between neighbours is theirs.
+_SHORT, _OFTEN = 0.9, 0.05
 _DIGITS = 7
 _ROTATION = 1
 # More noise than this (m, rad), or than four times the instrument's accuracy, is improbable.
@@ -67,7 +73,9 @@ class Lesson:
 
     def _of_group(self, group: int, stamp_std: float) -> Learned | None:
         columns = slice(3 * group, 3 * group + 3)
-        records = [_record(segment, columns, stamp_std) for segment in self.segments]
+        records = [
+            _record(segment, columns, stamp_std, _evenly(segment)) for segment in self.segments
+        ]
         accuracy = self.accuracy[group]
         soft_limit = max(_SOFT_LIMITS[group], 4.0 * accuracy)
         if group == _ROTATION and self.lacks_orientation:
@@ -76,7 +84,20 @@ class Lesson:
         if self.before is not None:
             assert self.before.learned is not None
             theta = self.before.learned[group].theta
-        return learning.learn(self.model, records, accuracy, soft_limit, theta, self.moves)
+        neighbours = [] if stamp_std else self._neighbours(columns)
+        return learning.learn(
+            self.model, records, accuracy, soft_limit, theta, self.moves, neighbours
+        )
+
+    def _neighbours(self, columns: slice) -> list[Record | None]:
+        """Of every second segment samples that follow each other, where lessons skip some."""
+        dense = any(len(segment) > SAMPLES for segment in self.segments)
+        if not (self.moves and dense and _regular(self.segments)):
+            return []
+        return [
+            None if index % 2 else _record(segment, columns, 0.0, _middle(segment))
+            for index, segment in enumerate(self.segments)
+        ]
 
 
 class Lessons:
@@ -211,16 +232,30 @@ def _is_new(segment: Segment) -> bool:
     return any(each.is_new(regime) for each, regime in zip(learned, epoch.regimes, strict=True))
 
 
-def _record(segment: Segment, columns: slice, stamp_std: float) -> Record:
-    """What a segment gives, to a tenth of a micrometre.
+def _regular(segments: Sequence[Segment]) -> bool:
+    """Whether hardly an interval is shorter than the usual one."""
+    intervals = np.concatenate([np.diff(segment.times) for segment in segments])
+    return float(np.mean(intervals < _SHORT * np.median(intervals))) <= _OFTEN
+
+
+def _evenly(segment: Segment) -> slice:
+    return slice(None, None, -(-len(segment) // SAMPLES))
+
+
+def _middle(segment: Segment) -> slice:
+    first = max((len(segment) - NEIGHBOURS) // 2, 0)
+    return slice(first, first + NEIGHBOURS)
+
+
+def _record(segment: Segment, columns: slice, stamp_std: float, shown: slice) -> Record:
+    """What the samples ``shown`` of a segment give, to a tenth of a micrometre.
 
     The search for the optimum amplifies the last digit of its data, and that one depends on how the
     samples were cut into batches; rounded, the data are the same bits, and so is what is learned.
     """
-    every = slice(None, None, -(-len(segment) // SAMPLES))
     variances = segment.known_variances(stamp_std)
     known = np.zeros(len(segment))
     if variances is not None:
         known = np.mean(variances[:, columns], axis=-1).round(2 * _DIGITS)
     values = segment.coordinates[:, columns].round(_DIGITS)
-    return Record(segment.times[every], values[every], known[every])
+    return Record(segment.times[shown], values[shown], known[shown])
