@@ -170,6 +170,7 @@ class Information:
         earlier += self._products(before, ahead)
         last = columns[0, -PREDICTED:, :-1]
         first = np.einsum("ii->i", own[0])[-PREDICTED:] + (last**2).sum(axis=1)
+        timed = float(system.prior[:, -1, -1].all())
         felt = (self._step_weight @ ahead[..., -1:])[..., 0]
         return Told(
             states,
@@ -179,8 +180,8 @@ class Information:
             _grouped(np.einsum("nii->ni", w) - known),
             self._products(felt[..., None], felt[..., None]),
             AXES * weight - _times(_times(weight, moved), weight),
-            _times(earlier, weight)[:, -1],
-            first.reshape(2, AXES).sum(axis=1),
+            timed * _times(earlier, weight)[:, -1],
+            timed * first.reshape(2, AXES).sum(axis=1),
         )
 
     def average(self, told: Told, slopes: Slopes) -> tuple[Array, Array]:

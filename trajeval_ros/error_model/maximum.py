@@ -136,7 +136,7 @@ def climb(
         there, stuck = _moved(here, step, weights), False
         if there is None or penalised(there) < value:
             apart *= _FARTHER
-            there = _along(here, step, value)
+            there = _along(here, step, value, whole=weighted)
             if there is None:
                 # The curvature is that of another place, or the step can only be noise.
                 if fresh and promised < gain:
@@ -222,9 +222,12 @@ def _newton_step(
     return step, float(slope @ step - 0.5 * step @ curvature @ step)
 
 
-def _along(here: Place, step: Array, value: float) -> Place | None:
-    """The first point on a shrinking ``step`` (p,) that is better than ``value``, if any."""
-    for share in (1.0, 0.5, 0.2, 0.05):
+def _along(here: Place, step: Array, value: float, *, whole: bool) -> Place | None:
+    """The first point on a shrinking ``step`` (p,) that is better than ``value``, if any.
+
+    whole: from all of it on.
+    """
+    for share in (1.0, 0.5, 0.2, 0.05)[not whole :]:
         there = _moved(here, share * step, here.weights)
         if there is not None and penalised(there) > value:
             return there

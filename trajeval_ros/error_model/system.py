@@ -88,7 +88,8 @@ class Told:
     squares, informed: of the scores of poses, the squares and the variances; (2, N). moves, moved:
     of those of steps, the products and the covariance; (2, k, k, N - 1). crossed: of the last
     component of the states with the scores of the steps that follow, the products less the
-    covariance; (2, k, N - 1). first: the variance of this component at the first pose, (2,).
+    covariance; (2, k, N - 1). first: the variance of this component at the first pose, (2,). The
+    last two are nothing of a process without a time.
     """
 
     states: Array

@@ -100,6 +100,16 @@ LOOPS_PART double product(const double *x, const double *y, int64_t width)
     return (part[0] + part[1]) + (part[2] + part[3]);
 }
 
+/* x' y of any vectors. */
+LOOPS_PART double dot(const double *x, const double *y, int64_t n)
+{
+    const int64_t whole = n - n % LANES;
+    double sum = product(x, y, whole);
+    for (int64_t l = whole; l < n; l++)
+        sum += x[l] * y[l];
+    return sum;
+}
+
 /* The logarithm of a product, which overflows nowhere. */
 typedef struct {
     double fraction;
@@ -502,32 +512,17 @@ LOOPS_PART void without(const double *rows, double *into, int64_t count, int64_t
         into[r * lanes + at] = 0.0;
 }
 
-/* Of the step that begins at pose i, given the last component's states there (6, lanes), and their
- * covariance with all (6, m). */
-LOOPS_PART void tell_step(const Step *step, const Later *later, const double *last,
-                          const double *known, const Told *told, int64_t i, int64_t n, int64_t k,
+/* Of the scores of the step that begins at pose i. */
+LOOPS_PART void tell_step(const Later *later, const Told *told, int64_t i, int64_t n, int64_t k,
                           int64_t lanes, int64_t at)
 {
     const int64_t m = POSE * k, part = 2 * k * k * n;
-    double columns[STATES * MOST_LANES], moved[POSE * STATES];
+    double columns[STATES * MOST_LANES];
     without(later->score, columns, m, lanes, at);
     for (int64_t r = 0; r < m; r++)
         told->felt[m * i + r] = later->score[r * lanes + at];
-    for (int64_t r = 0; r < POSE; r++)
-        for (int64_t d = 0; d < k; d++)
-            for (int64_t g = 0; g < 2; g++)
-                for (int64_t x = 0; x < AXES; x++)
-                    moved[r * m + row_of(d, g, x)] = moved_of(step, known + r * m, d, g, x, k);
     for (int64_t g = 0; g < 2; g++)
-        for (int64_t c = 0; c < k; c++) {
-            double crossed = 0.0;
-            for (int64_t x = 0; x < AXES; x++) {
-                const int64_t r = row_of(c, g, x), own = AXES * g + x;
-                crossed += product(last + own * lanes, later->score + r * lanes, lanes);
-                for (int64_t q = 0; q < m; q++)
-                    crossed -= moved[own * m + q] * later->spread[r * m + q];
-            }
-            told->crossed[(g * k + c) * n + i] = crossed;
+        for (int64_t c = 0; c < k; c++)
             for (int64_t d = 0; d < k; d++) {
                 double square = 0.0, spread = 0.0;
                 for (int64_t x = 0; x < AXES; x++) {
@@ -540,6 +535,30 @@ LOOPS_PART void tell_step(const Step *step, const Later *later, const double *la
                 into[0] = square;
                 into[part] = spread;
             }
+}
+
+/* And of these with the last component's states before, (6, lanes), whose covariance with all is
+ * (6, m). */
+LOOPS_PART void tell_crossed(const Step *step, const Later *later, const double *last,
+                             const double *known, const Told *told, int64_t i, int64_t n,
+                             int64_t k, int64_t lanes)
+{
+    const int64_t m = POSE * k;
+    double moved[POSE * STATES];
+    for (int64_t r = 0; r < POSE; r++)
+        for (int64_t d = 0; d < k; d++)
+            for (int64_t g = 0; g < 2; g++)
+                for (int64_t x = 0; x < AXES; x++)
+                    moved[r * m + row_of(d, g, x)] = moved_of(step, known + r * m, d, g, x, k);
+    for (int64_t g = 0; g < 2; g++)
+        for (int64_t c = 0; c < k; c++) {
+            double crossed = 0.0;
+            for (int64_t x = 0; x < AXES; x++) {
+                const int64_t r = row_of(c, g, x), own = AXES * g + x;
+                crossed += product(last + own * lanes, later->score + r * lanes, lanes);
+                crossed -= dot(moved + own * m, later->spread + r * m, m);
+            }
+            told->crossed[(g * k + c) * n + i] = crossed;
         }
 }
 
@@ -556,10 +575,46 @@ LOOPS_PART void tell_first(const Later *back, const double *last, const double *
         for (int64_t r = AXES * g; r < AXES * (g + 1); r++) {
             sum += known[r * m + m - POSE + r];
             sum += product(columns + r * lanes, columns + r * lanes, lanes);
-            for (int64_t q = 0; q < m; q++)
-                sum -= taken[r * m + q] * known[r * m + q];
+            sum -= dot(taken + r * m, known + r * m, m);
         }
         told->first[g] = sum;
+    }
+}
+
+/* The last component's states at pose i, (6, lanes), and their covariance with all that goes before
+ * it, (6, m); of the pose itself H C = R G', and its states are what the noise leaves. */
+LOOPS_PART void last_of(const System *system, const double *pose, const double *rows,
+                        const double *noise, const double *residual, const double *score,
+                        const Later *back, const double *ends, double *last, double *known,
+                        int64_t i, int64_t k, int64_t lanes)
+{
+    const int64_t m = POSE * k, width = m + lanes + PADDED;
+    const Places place = places_of(k, lanes);
+    double seen[POSE * STATES] = {0.0};
+    for (int64_t r = 0; r < POSE; r++) {
+        if (i == 0 && is_flat(system)) {
+            memcpy(seen + r * m, noise + r * PADDED, sizeof(double) * POSE);
+            continue;
+        }
+        for (int64_t q = 0; q < POSE; q++)
+            add(seen + r * m, noise[r * PADDED + q], rows + q * width, m);
+    }
+    if (k == 1) {
+        multiplied(residual, lanes, ends, last, POSE, lanes, lanes);
+        for (int64_t r = 0; r < POSE; r++)
+            for (int64_t q = 0; q < POSE; q++)
+                take(last + r * lanes, noise[r * PADDED + q], score + q * lanes, lanes);
+        memcpy(known, seen, sizeof(double) * (size_t)(POSE * m));
+        return;
+    }
+    multiplied(pose + place.velocity, lanes, ends, last, POSE, lanes, lanes);
+    for (int64_t r = 0; r < POSE; r++) {
+        for (int64_t q = 0; q < POSE; q++) {
+            known[r * m + q] = seen[q * m + POSE + r];
+            known[r * m + POSE + q] = pose[place.known + r * POSE + q];
+        }
+        for (int64_t q = 0; q < m; q++)
+            add(last + r * lanes, known[r * m + q], back->score + q * lanes, lanes);
     }
 }
 
@@ -568,13 +623,20 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
 {
     const int64_t m = POSE * k, width = m + lanes + PADDED, count = system->count;
     const int64_t at = system->c + system->d;
+    /* Only of a process with a time F has a slope, and the first states have a prior. */
+    const int timed = k > 1 || !is_flat(system);
     const Places place = places_of(k, lanes);
+    double errors[MOST_LANES];
     Later later, back;
     memset(&later, 0, sizeof later);
+    memset(told->crossed, 0, sizeof(double) * (size_t)(2 * k * (count - 1)));
+    memset(told->first, 0, sizeof(double) * 2);
+    for (int64_t l = 0; l < lanes; l++)
+        errors[l] = ends[l * lanes + at];
     for (int64_t i = count - 1; i >= 0; i--) {
         const double *pose = kept + i * place.size;
         const int flat = i == 0 && is_flat(system);
-        double rows[POSE * (STATES + MOST_LANES + PADDED)], noise[POSE * POSE];
+        double rows[POSE * (STATES + MOST_LANES + PADDED)], noise[POSE * PADDED] = {0.0};
         double score[POSE * MOST_LANES], columns[POSE * MOST_LANES], taken[POSE * STATES];
         double last[POSE * MOST_LANES], known[POSE * STATES], rest[POSE * STATES];
         double both[POSE * STATES], residual[POSE * MOST_LANES];
@@ -619,73 +681,50 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
                 told->scores[POSE * i + r] = own;
                 square += own * own;
                 informed += rows[r * width + m + lanes + r];
-                for (int64_t q = 0; q < m; q++)
-                    informed += taken[r * m + q] * rows[r * width + q];
+                informed += dot(taken + r * m, rows + r * width, m);
                 informed -= product(columns + r * lanes, columns + r * lanes, lanes);
             }
             told->of_poses[g * count + i] = square;
             told->of_poses[(2 + g) * count + i] = informed;
         }
-        /* The states: of the pose, what its noise leaves. */
-        noise_of(system, i, noise, POSE);
+        /* The states of the pose: what its noise leaves. */
+        noise_of(system, i, noise, PADDED);
         columns_of(system, i, residual, lanes, lanes);
-        multiplied(residual, lanes, ends, last, POSE, lanes, lanes);
         for (int64_t r = 0; r < POSE; r++) {
+            double state = product(residual + r * lanes, errors, lanes);
             for (int64_t q = 0; q < POSE; q++)
-                take(last + r * lanes, noise[r * POSE + q], score + q * lanes, lanes);
-            told->states[m * i + r] = last[r * lanes + at];
+                state -= noise[r * PADDED + q] * score[q * lanes + at];
+            told->states[m * i + r] = state;
         }
-        /* H C = R G' */
-        if (flat) {
-            memset(known, 0, sizeof known);
-            for (int64_t r = 0; r < POSE; r++)
-                memcpy(known + r * m, noise + r * POSE, sizeof(double) * POSE);
-        } else {
-            for (int64_t r = 0; r < POSE; r++) {
-                memset(known + r * m, 0, sizeof(double) * (size_t)m);
-                for (int64_t q = 0; q < POSE; q++)
-                    add(known + r * m, noise[r * POSE + q], rows + q * width, m);
-            }
-        }
-        if (k > 1) {
-            double of_pose[POSE * STATES];
-            memcpy(of_pose, known, sizeof(double) * (size_t)(POSE * m));
-            for (int64_t r = 0; r < POSE; r++)
-                for (int64_t q = 0; q < POSE; q++) {
-                    known[r * m + q] = of_pose[q * m + POSE + r];
-                    known[r * m + POSE + q] = pose[place.known + r * POSE + q];
-                }
-            multiplied(pose + place.velocity, lanes, ends, last, POSE, lanes, lanes);
-            for (int64_t r = 0; r < POSE; r++) {
-                for (int64_t q = 0; q < m; q++)
-                    add(last + r * lanes, known[r * m + q], back.score + q * lanes, lanes);
-                told->states[m * i + POSE + r] = last[r * lanes + at];
-            }
+        if (timed) {
+            last_of(system, pose, rows, noise, residual, score, &back, ends, last, known, i, k,
+                    lanes);
+            if (k > 1)
+                for (int64_t r = 0; r < POSE; r++)
+                    told->states[m * i + POSE + r] = last[r * lanes + at];
+            if (i + 1 < count)
+                tell_crossed(&step, &later, last, known, told, i, count - 1, k, lanes);
+            if (i == 0)
+                tell_first(&back, last, known, told, k, lanes, at);
         }
         if (i + 1 < count)
-            tell_step(&step, &later, last, known, told, i, count - 1, k, lanes, at);
-        if (i == 0)
-            tell_first(&back, last, known, told, k, lanes, at);
-        /* (1 - G H)' = [S^-1 R | 0 over -G' of what is not seen] */
-        for (int64_t r = 0; r < POSE; r++)
-            for (int64_t q = 0; q < POSE; q++) {
-                double sum = 0.0;
-                for (int64_t s = 0; s < POSE; s++)
-                    sum += rows[r * width + m + lanes + s] * noise[s * POSE + q];
-                rest[r * m + q] = sum;
-                if (k > 1)
-                    rest[r * m + POSE + q] = -rows[r * width + POSE + q];
-            }
+            tell_step(&later, told, i, count - 1, k, lanes, at);
+        /* (1 - G H)': S^-1 R, and -G' of what is not seen. */
+        for (int64_t r = 0; r < POSE; r++) {
+            double row[PADDED] = {0.0};
+            for (int64_t q = 0; q < POSE; q++)
+                add(row, rows[r * width + m + lanes + q], noise + q * PADDED, PADDED);
+            memcpy(rest + r * m, row, sizeof(double) * POSE);
+            for (int64_t q = POSE; q < m; q++)
+                rest[r * m + q] = -rows[r * width + q];
+        }
         multiplied(rest, m, back.spread, both, POSE, m, m);
         memcpy(&later, &back, sizeof later);
         for (int64_t r = 0; r < POSE; r++) {
             add(later.score + r * lanes, 1.0, score + r * lanes, lanes);
-            for (int64_t q = 0; q < POSE; q++) {
-                double sum = rows[r * width + m + lanes + q];
-                for (int64_t s = 0; s < m; s++)
-                    sum += both[r * m + s] * rest[q * m + s];
-                later.spread[r * m + q] = sum;
-            }
+            for (int64_t q = 0; q < POSE; q++)
+                later.spread[r * m + q] =
+                    rows[r * width + m + lanes + q] + dot(both + r * m, rest + q * m, m);
             for (int64_t q = POSE; q < m; q++)
                 later.spread[r * m + q] = later.spread[q * m + r] = both[r * m + q];
         }
@@ -698,8 +737,9 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
  * the errors, (-theta, 1), beside which what is below is as of [K | z] ends.
  * states: (N, m). scores: u, (N, 6). felt: r of each step, (N - 1, m). Sums over the three axes of
  * each group: of_poses, (2, 2, N), the squares of u and the variance of u. of_steps, likewise of r:
- * (2, 2, k, k, N - 1). crossed: the products of the last component's states with r, less their
- * covariance, (2, k, N - 1). first: the variance of these states at the first pose, (2).
+ * (2, 2, k, k, N - 1). Of a process with a time, crossed: the products of the last component's
+ * states with r, less their covariance, (2, k, N - 1); first: the variance of these states at the
+ * first pose, (2); zero of another.
  */
 LOOPS_WIDE int band_smooth(const double *covariance, const double *jitter, const double *nuisances,
                            const double *gauge, const double *errors, const double *moves,

@@ -122,15 +122,16 @@ static inline double likeliest(double square, double rest, double own, double no
 }
 
 /* At each of values (n + 2 reach,) the largest of it and those that lie 2 reach beyond. */
-static void set_largest(int64_t n, int64_t reach, double *values)
+LOOPS_PART void set_largest(int64_t n, int64_t reach, double *values)
 {
     const int64_t width = 2 * reach + 1;
     int64_t length = n + 2 * reach;
     for (int64_t have = 1; have < width;) {
         const int64_t step = have < width - have ? have : width - have;
         length -= step;
+        /* No fmax, of which no vector is made; gains are numbers. */
         for (int64_t i = 0; i < length; i++)
-            values[i] = fmax(values[i], values[i + step]);
+            values[i] = values[i] > values[i + step] ? values[i] : values[i + step];
         have += step;
     }
 }
@@ -140,21 +141,27 @@ static void set_largest(int64_t n, int64_t reach, double *values)
  * `reach` places in the order of time only the one that gains most changes, and those that hardly
  * change in the logarithm. new: those of poses and of steps, (2 N - 1,). work: (4 N - 2 + 2 reach,).
  * promised: what they gain. */
-int reweigh(int64_t count, int64_t reach, const double *poses, double own, const double *measured,
+LOOPS_WIDE int reweigh(int64_t count, int64_t reach, const double *poses, double own, const double *measured,
             const double *steps, const double *own_steps, const double *moved, double kappa,
             double rare, double little, double *new, double *work, double *promised)
 {
     double *const largest = work, *const gains = work + 2 * count - 1 + 2 * reach;
+    int some = 0;
     for (int64_t i = 0; i < count; i++) {
         new[i] = likeliest(poses[i], poses[count + i], own, measured[i], kappa, rare, gains + 2 * i);
-        if (i + 1 < count)
+        some |= gains[2 * i] > 0.0;
+        if (i + 1 < count) {
             new[count + i] = likeliest(steps[i], steps[count - 1 + i], own_steps[i], moved[i], kappa,
                                        rare, gains + 2 * i + 1);
+            some |= gains[2 * i + 1] > 0.0;
+        }
     }
+    *promised = 0.0;
+    if (!some)
+        return 0;
     memset(work, 0, (2 * count - 1 + 2 * reach) * sizeof *work);
     memcpy(largest + reach, gains, (2 * count - 1) * sizeof *gains);
     set_largest(2 * count - 1, reach, largest);
-    *promised = 0.0;
     for (int64_t i = 0; i < 2 * count - 1; i++) {
         const int64_t half = i / 2;
         double *const to = i % 2 ? new + count + half : new + half;
