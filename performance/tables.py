@@ -75,7 +75,9 @@ def write(table: Table | Picture, docs: Path = DOCS) -> None:
         path.write_text(written(path.read_text(encoding="utf-8"), table), encoding="utf-8")
 
 
-def targets(name: str, title: str, found: Sequence[Target], page: str = "performance.md") -> Table:
+def targets(
+    name: str, title: str, found: Sequence[Target], page: str | None = "performance.md"
+) -> Table:
     """Return the table of what was aimed at, and what came out.
 
     What is measured without an aim is printed, and left out of the page.
