@@ -19,6 +19,13 @@ static Row row_of(const Group *g, double *rows, int64_t n) {
                  row + g->news, row + g->w, row + g->q};
 }
 
+/* Add so many lanes of a row, times a factor, to another. */
+LOOPS_PART void add_row(double *to, double factor, const double *from, int64_t lanes) {
+    for (int64_t begin = 0; begin < lanes; begin += LANES) {
+        *(Lanes *)(to + begin) += factor * *(const Lanes *)(from + begin);
+    }
+}
+
 /* The powers (r,) of a transition over a time, less 1 where they are of order 0. */
 static void transition(const Group *g, double time, double *q) {
     for (int64_t k = 0; k < g->kernels; q += g->sizes[k++]) {
@@ -62,25 +69,37 @@ static double at_sample(const Group *g, const double *x) {
     return sum;
 }
 
-/* Let the r rows of so many lanes, each that far from the next, be Phi' times them; sum: (lanes,)
- * to work with. */
-LOOPS_PART void rows_onwards(const Group *g, const double *q, double *rows, int64_t lanes,
-                         double *sum) {
-    for (int64_t k = 0; k < g->kernels; q += g->sizes[k++]) {
-        for (int64_t left = g->sizes[k]; left > 0; left--, rows += g->lanes) {
-            fill(sum, lanes, 0.0);
-            for (int64_t i = 0; i < left; i++) {
-                add_row(sum, q[i], rows + i * g->lanes, lanes);
+/* Let the rows of one kernel, of so many lanes, each that far from the next, be Phi' times them. */
+LOOPS_PART void kernel_onwards(int64_t size, const double *q, double *rows, int64_t lanes,
+                               int64_t apart) {
+    for (int64_t begin = 0; begin < lanes; begin += LANES) {
+        for (int64_t j = 0; j < size; j++) {
+            Lanes sum = {0.0};
+            for (int64_t i = 0; i < size - j; i++) {
+                sum += q[i] * *(const Lanes *)(rows + (i + j) * apart + begin);
             }
-            add_row(rows, 1.0, sum, lanes);
+            *(Lanes *)(rows + j * apart + begin) += sum;
+        }
+    }
+}
+
+/* The same of all r rows; with the usual sizes as constants, so that what is in it is unrolled. */
+LOOPS_PART void rows_onwards(const Group *g, const double *q, double *rows, int64_t lanes) {
+    for (int64_t k = 0; k < g->kernels; q += g->sizes[k], rows += g->sizes[k++] * g->lanes) {
+        switch (g->sizes[k]) {
+        case 1: kernel_onwards(1, q, rows, lanes, g->lanes); break;
+        case 2: kernel_onwards(2, q, rows, lanes, g->lanes); break;
+        case 3: kernel_onwards(3, q, rows, lanes, g->lanes); break;
+        case 4: kernel_onwards(4, q, rows, lanes, g->lanes); break;
+        default: kernel_onwards(g->sizes[k], q, rows, lanes, g->lanes);
         }
     }
 }
 
 /* Let the state [N M] be [Phi' N, Phi' M Phi], as Phi' (Phi' M)'. */
-LOOPS_PART void predict(const Group *g, const double *q, double *state, double *sum) {
+LOOPS_PART void predict(const Group *g, const double *q, double *state) {
     double *m = state + g->begin;
-    rows_onwards(g, q, state, g->lanes, sum);
+    rows_onwards(g, q, state, g->lanes);
     for (int64_t i = 0; i < g->rank; i++) {
         for (int64_t j = 0; j < i; j++) {
             const double kept = m[i * g->lanes + j];
@@ -88,7 +107,7 @@ LOOPS_PART void predict(const Group *g, const double *q, double *state, double *
             m[j * g->lanes + i] = kept;
         }
     }
-    rows_onwards(g, q, m, g->lanes - g->begin, sum);
+    rows_onwards(g, q, m, g->lanes - g->begin);
     /* Symmetric to the bit: what is not would stay for good, and add up. */
     for (int64_t i = 0; i < g->rank; i++) {
         for (int64_t j = 0; j < i; j++) {
@@ -168,7 +187,7 @@ int factor_add(const int64_t *sizes, const double *first_past, int64_t kernels,
             const int64_t place = n * groups + number;
             if (n > 0) {
                 transition(&g, times[n] - times[n - 1], row.q);
-                predict(&g, row.q, own, seen);
+                predict(&g, row.q, own);
             } else {
                 fill(row.q, g.rank, 0.0);
             }

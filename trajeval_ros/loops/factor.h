@@ -74,15 +74,6 @@ LOOPS_PART void fill(double *a, int64_t n, double value) {
     }
 }
 
-/* Add so many lanes of a row, times a factor, to another. */
-LOOPS_PART void add_row(double *to, double factor, const double *from, int64_t lanes) {
-    for (int64_t begin = 0; begin < lanes; begin += LANES) {
-        for (int64_t i = begin; i < begin + LANES; i++) {
-            to[i] += factor * from[i];
-        }
-    }
-}
-
 /* The powers (p,) of one kernel from that of order 0 on. */
 LOOPS_PART void raise(double a, int64_t size, double *q) {
     for (int64_t j = 1; j < size; j++) {
@@ -172,28 +163,27 @@ LOOPS_PART void powers(const Pairs *of, double time, Lanes *to, double *own) {
     }
 }
 
-/* Let x (r,) be Phi' x, of the powers q (r,). */
-LOOPS_PART void onwards(const Group *g, const Lanes *q, Lanes *x) {
-    for (int64_t k = 0; k < g->kernels; q += g->sizes[k], x += g->sizes[k++]) {
-        for (int64_t j = 0; j < g->sizes[k]; j++) {
-            Lanes sum = {0.0};
-            for (int64_t i = 0; i < g->sizes[k] - j; i++) {
-                sum += q[i] * x[i + j];
-            }
-            x[j] += sum;
+/* Let the numbers of one kernel be Phi' times them, of the powers q, or Phi times them. */
+LOOPS_PART void kernel_moved(int64_t size, int back, const Lanes *q, Lanes *x) {
+    for (int64_t n = 0; n < size; n++) {
+        const int64_t j = back ? size - 1 - n : n;
+        Lanes sum = {0.0};
+        for (int64_t i = 0; i < (back ? j + 1 : size - j); i++) {
+            sum += back ? q[j - i] * x[i] : q[i] * x[i + j];
         }
+        x[j] += sum;
     }
 }
 
-/* Let x (r,) be Phi x. */
-LOOPS_PART void back(const Group *g, const Lanes *q, Lanes *x) {
+/* The same of all x (r,); with the usual sizes as constants, so that what is in it is unrolled. */
+LOOPS_PART void moved(const Group *g, int back, const Lanes *q, Lanes *x) {
     for (int64_t k = 0; k < g->kernels; q += g->sizes[k], x += g->sizes[k++]) {
-        for (int64_t i = g->sizes[k] - 1; i >= 0; i--) {
-            Lanes sum = {0.0};
-            for (int64_t j = 0; j <= i; j++) {
-                sum += q[i - j] * x[j];
-            }
-            x[i] += sum;
+        switch (g->sizes[k]) {
+        case 1: kernel_moved(1, back, q, x); break;
+        case 2: kernel_moved(2, back, q, x); break;
+        case 3: kernel_moved(3, back, q, x); break;
+        case 4: kernel_moved(4, back, q, x); break;
+        default: kernel_moved(g->sizes[k], back, q, x);
         }
     }
 }
@@ -211,7 +201,7 @@ LOOPS_PART void step_back(const Pairs *of, int64_t n, Lanes *v, Lanes *f, Lanes 
     }
     *v = sum;
     gather_all(at, g->q, g->rank, q);
-    back(g, q, f);
+    moved(g, 1, q, f);
 }
 
 /* Let f (r,) be the future that has these powers. */
@@ -276,9 +266,12 @@ LOOPS_PART int64_t whiten(const Pairs *of, double time, int64_t count, const Roo
     for (int64_t l = 0; l < LANES; l++) {
         double *seen = room->seen + l * g->lanes;
         const double *state = of->spans[l] + (begin / SPAN - 1) * g->rank * g->lanes;
-        fill(seen, g->lanes, 0.0);
-        for (int64_t i = 0; begin > 0 && i < g->rank; i++) {
-            add_row(seen, f[i][l], state + i * g->lanes, g->lanes);
+        for (int64_t j = 0; j < g->lanes; j += LANES) {
+            Lanes sum = {0.0};
+            for (int64_t i = 0; begin > 0 && i < g->rank; i++) {
+                sum += f[i][l] * *(const Lanes *)(state + i * g->lanes + j);
+            }
+            *(Lanes *)(seen + j) = sum;
         }
         at[l] = seen;
     }
@@ -286,7 +279,7 @@ LOOPS_PART int64_t whiten(const Pairs *of, double time, int64_t count, const Roo
     for (int64_t n = begin; n < count; n++) {
         rows_at(of, n, at);
         gather_all(at, g->q, g->rank, q);
-        onwards(g, q, s);
+        moved(g, 0, q, s);
         if (n == next) {
             powers(of, of->times[n] - time, q, room->own);
             take_past(of, q, s);
