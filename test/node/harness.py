@@ -33,6 +33,10 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 PATIENCE = 120.0
 """How long a condition may take, s. Reached only when a test fails."""
+MAX_WAIT = 30.0
+"""The nodes' max_wait, s, unless a test asks for another. What a burst has no room for in shared
+memory is sent again 3 s later: by then the usual second has passed, and poses are given up that
+are evaluated on a machine with nothing else to do."""
 
 
 class TimedOutError(AssertionError):
@@ -135,7 +139,7 @@ class Graph:
 
     def start_evaluator(self, *ros_arguments: str, **parameters: object) -> Process:
         """Start the node; a parameter's dots are written as double underscores."""
-        arguments = list(ros_arguments)
+        arguments = ["-p", f"max_wait:={MAX_WAIT}", *ros_arguments]
         for name, value in parameters.items():
             text = json.dumps(value) if not isinstance(value, str) else value
             arguments += ["-p", f"{name.replace('__', '.')}:={text}"]

@@ -32,7 +32,7 @@ class Rig:
         self.graph = graph
         self.out = folder / "out"
         self.node: Process = graph.start_evaluator(
-            output__directory=str(self.out), gp__hyperparameters="fixed"
+            output__directory=str(self.out), gp__hyperparameters="fixed", max_wait=1.0
         )
         self.publishers = [graph.publisher(topic) for topic in ("ground_truth", "estimate")]
         graph.until_heard(*self.publishers)

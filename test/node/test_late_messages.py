@@ -22,7 +22,6 @@ def test_late_poses_are_taken_in_their_place(graph: Graph, tmp_path: Path) -> No
     graph.start_evaluator(
         gp__hyperparameters="fixed",
         estimates=["sorted", "late"],
-        max_wait=30.0,
         output__directory=str(tmp_path / "out"),
     )
     publishers = [graph.publisher(topic) for topic in ("ground_truth", "sorted", "late")]
@@ -64,9 +63,7 @@ def test_late_poses_are_taken_in_their_place(graph: Graph, tmp_path: Path) -> No
 
 def test_late_ground_truth_is_taken_in_its_place(graph: Graph, tmp_path: Path) -> None:
     """Every third sample is overtaken by the two after it; what was decided first is counted."""
-    graph.start_evaluator(
-        gp__hyperparameters="fixed", max_wait=30.0, output__directory=str(tmp_path / "out")
-    )
+    graph.start_evaluator(gp__hyperparameters="fixed", output__directory=str(tmp_path / "out"))
     truth, estimate = publishers = [graph.publisher(t) for t in ("ground_truth", "estimate")]
     graph.until_heard(*publishers)
     made = data.messages(PoseStamped, TRUTH)

@@ -19,7 +19,7 @@ from trajeval_ros import se3
 from trajeval_ros.online.samples import PoseSamples
 
 pytestmark = pytest.mark.ros
-FIXED = {"gp__hyperparameters": "fixed", "max_wait": 30.0}
+FIXED = {"gp__hyperparameters": "fixed"}
 TRUTH, ESTIMATE = data.run(6.0)
 POSES = se3.from_position_quaternion(ESTIMATE.positions, ESTIMATE.quaternions)
 TWIST = np.array([0.1, 0.0, 0.02, 0.0, 0.01, 0.1])

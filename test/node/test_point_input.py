@@ -23,7 +23,7 @@ from trajeval_ros import se3
 from trajeval_ros.online.samples import PoseSamples
 
 pytestmark = pytest.mark.ros
-FIXED = {"gp__hyperparameters": "fixed", "max_wait": 30.0}
+FIXED = {"gp__hyperparameters": "fixed"}
 TRUTH, ESTIMATE = data.run(8.0)
 
 

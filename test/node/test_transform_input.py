@@ -22,7 +22,7 @@ pytestmark = pytest.mark.ros
 
 HAS_TF = importlib.util.find_spec("tf2_msgs") is not None
 needs_tf = pytest.mark.skipif(not HAS_TF, reason="tf2_msgs is not installed")
-FIXED = {"gp__hyperparameters": "fixed", "max_wait": 30.0}
+FIXED = {"gp__hyperparameters": "fixed"}
 TRUTH, ESTIMATE = data.run(6.0)
 POSES = se3.from_position_quaternion(ESTIMATE.positions, ESTIMATE.quaternions)
 
