@@ -19,7 +19,7 @@ def completions(line: str, answer: Path) -> list[str]:
     subprocess.run(
         [sys.executable, "-m", f"trajeval_ros.commands.{command}"],
         check=False,
-        timeout=60,
+        timeout=240,
         stdout=subprocess.DEVNULL,
         env={
             **os.environ,

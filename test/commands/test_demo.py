@@ -37,7 +37,7 @@ def run(name: str, *arguments: object, cwd: Path) -> subprocess.CompletedProcess
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=300,
         cwd=cwd,
         env=ENVIRONMENT,
     )
@@ -160,7 +160,7 @@ def test_a_signal_leaves_no_process_behind(number: signal.Signals, tmp_path: Pat
             while not ignored(shown.pid, number) and shown.poll() is None:
                 time.sleep(0.01)
             shown.send_signal(number)
-        _, errors = shown.communicate(timeout=60)
+        _, errors = shown.communicate(timeout=240)
         assert shown.returncode == 130
         assert errors == "demo: error: interrupted\n"
     finally:

@@ -63,7 +63,7 @@ def published(*arguments: str) -> dict[str, str]:
         context = rclpy.context.Context()
         rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
         watcher = rclpy.create_node("watcher", context=context)
-        deadline = time.monotonic() + 30.0
+        deadline = time.monotonic() + 120.0
         found: dict[str, str] = {}
         while time.monotonic() < deadline and not {METRICS, "/diagnostics"} <= set(found):
             time.sleep(0.2)
@@ -75,7 +75,7 @@ def published(*arguments: str) -> dict[str, str]:
         watcher.destroy_node()
         rclpy.utilities.try_shutdown(context=context)
         node.send_signal(signal.SIGINT)
-        assert node.wait(20.0) == 0
+        assert node.wait(120.0) == 0
     return found
 
 

@@ -138,7 +138,7 @@ def launch(tmp_path: Path) -> Callable[..., dict[str, Launched]]:
             capture_output=True,
             text=True,
             check=False,
-            timeout=60,
+            timeout=240,
         )
         assert done.returncode == 0, done.stdout + done.stderr
         return {name: Launched(path) for name, path in records.items() if path.exists()}

@@ -56,7 +56,7 @@ class Browser(threading.Thread):
         super().__init__(daemon=True)
         self.known = Known()
         self.ended = False
-        self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+        self._connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
         self.start()
 
     def run(self) -> None:
@@ -80,7 +80,7 @@ def get(
     port: int, path: str, method: str = "GET", host: str = "127.0.0.1"
 ) -> tuple[int, bytes, dict[str, str]]:
     """Ask once: status, body, headers."""
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
     try:
         connection.request(method, path, headers={"Host": f"{host}:{port}"})
         response = connection.getresponse()

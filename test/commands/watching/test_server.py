@@ -22,7 +22,7 @@ from trajeval_ros.commands.watching import server
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-PATIENCE = 30.0
+PATIENCE = 120.0
 
 
 class Served:

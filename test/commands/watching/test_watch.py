@@ -291,7 +291,8 @@ def test_a_player_that_leaves_is_a_warning_unless_it_had_sent_all(
         said = [now.get(name, {"level": "", "text": ""}) for name in ("estimate", "ground truth")]
         return all(each["level"] == level and words in each["text"] for each in said)
 
-    player = graph.start(*replay, "--rate", "10")
+    # Long enough to meet the page, too: of that it does not wait, nor do we learn of it.
+    player = graph.start(*replay, "--rate", "2")
     graph.until(lambda: "all acknowledged" in player.output, "the end of the player")
     graph.until(lambda: is_said("OK", "all has been sent"), "that all has been sent")
     events = [event["text"] for event in page.sections["health"]["events"]]
