@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.screen import Screen
@@ -91,3 +91,31 @@ def test_batches_do_not_matter_for_a_helicopter_s_ground_truth() -> None:
     read = read_tum(str(path)).samples
     samples = Samples(read.stamps, se3.from_position_quaternion(read.positions, read.quaternions))
     assert_the_same(samples, [list(range(7, len(samples), 23))])
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@pytest.mark.parametrize("rate", [5.0, 30.0, 200.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_loop_suspects_what_numpy_does(seed: int, rate: float) -> None:
+    samples = jolted(seed, rate)
+    found = screened(samples, [7, 9, 31, 200])
+    with loops.left_out():
+        known = screened(samples, [7, 9, 31, 200])
+    assert found[0] == known[0]
+    np.testing.assert_allclose(found[1], known[1], atol=1e-9)
+    assert found[2:] == known[2:]
+
+
+def test_another_body_after_a_jump_is_turned_back_and_moved_no_further() -> None:
+    time = np.arange(600) / 100.0
+    poses = np.tile(np.eye(4), (600, 1, 1))
+    poses[:, :3, 3] = np.stack([time, np.sin(time), np.zeros(600)], axis=1)
+    samples = Samples(START + np.rint(time * SECOND).astype(np.int64), poses.copy())
+    samples.poses[200:, 1, 3] += 4.0
+    samples.poses[400:, :3, :3] = np.diag([-1.0, -1.0, 1.0])
+    stamps, found, rejected, cuts, faults = screened(samples, [])
+    assert len(stamps) == 600
+    assert not rejected
+    assert cuts == [samples.stamps[200]]
+    assert "flip" in {fault.code for fault in faults}
+    np.testing.assert_allclose(found, poses, atol=1e-3)

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth import jumps
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.segment import Samples
@@ -110,6 +110,7 @@ class Screen:
     def __init__(self, accuracy: tuple[float, float], faults: Faults) -> None:
         """``accuracy``: the instrument's, in translation (m) and rotation (rad)."""
         self._accuracy = np.array(accuracy)
+        self._least, self._least_jump = _TIMES_ACCURACY * self._accuracy, _JUMP * accuracy[0]
         self._faults = faults
         self._before: Samples | None = None  # the last few that were let through
         self._memory = jumps.Memory()
@@ -117,6 +118,7 @@ class Screen:
         self._held: Samples | None = None
         self._turn = np.eye(4)
         self._back = np.eye(4)
+        self._is_moved, self._as_they_come = False, True  # the latter: nor turned
         self._cut = False
         self._resting = False
 
@@ -139,14 +141,7 @@ class Screen:
         return self._decide(pending, final=True)
 
     def _put_right(self, samples: Samples) -> Samples:
-        if np.array_equal(self._turn, np.eye(4)) and np.array_equal(self._back, np.eye(4)):
-            return samples
-        covariances = samples.covariances
-        if covariances is not None:
-            adjoint = se3.adjoint(se3.inverse(self._turn))
-            covariances = adjoint @ covariances @ adjoint.T
-        poses = self._back @ samples.poses @ self._turn
-        return replace(samples, poses=poses, covariances=covariances)
+        return samples if self._as_they_come else _moved(samples, self._back, self._turn)
 
     def _decide(self, pending: Samples, *, final: bool) -> Screened:
         passed: list[Samples] = []
@@ -195,30 +190,34 @@ class Screen:
         return samples
 
     def _remember(self, samples: Samples) -> None:
-        known = samples if self._before is None else self._before + samples
-        if self._before is not None:
-            self._count_bursts(known, len(samples))
-        self._before = known[max(len(known) - _USUAL_STEPS - 1, 0) :]
+        before, most = self._before, _USUAL_STEPS + 1
+        if before is not None:
+            self._count_bursts(np.concatenate([before.stamps, samples.stamps]), len(samples))
+        if before is None or len(samples) >= most:
+            known = samples[max(len(samples) - most, 0) :]
+        else:
+            known = before[max(len(before) + len(samples) - most, 0) :] + samples
+        self._before = known
         self._memory.add(samples)
         self._faults.passed += len(samples)
         poses = known.poses[-2:]
         self._resting = len(poses) == 2 and self._resting and np.array_equal(poses[0], poses[1])
 
-    def _count_bursts(self, known: Samples, new: int) -> None:
-        intervals = np.diff(known.stamps)
+    def _count_bursts(self, stamps: npt.NDArray[np.int64], new: int) -> None:
+        intervals = stamps[1:] - stamps[:-1]
         old = max(len(intervals) - new, _FEWEST_STEPS)
         new = len(intervals) - old
         if new <= 0:
             return
         after, before = intervals[-new:], intervals[-new - 1 : -1]
         # What is usual costs more than the rest, and is no longer than the longest.
-        if not (after < _BURST * intervals.max()).any():
+        if not after.min() < _BURST * intervals.max():
             return
         padded = np.concatenate([np.full(_USUAL_STEPS, np.nan), intervals])
         windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS)[old:]
         usual = np.nanmedian(windows, axis=1)
         burst = (after < _BURST * usual) & ((before > _LATE * usual) | (before < _BURST * usual))
-        for stamp in known.stamps[-new:][burst].tolist():
+        for stamp in stamps[-new:][burst].tolist():
             self._faults.add("stamp_bursts", stamp, stamp)
 
     def _unsuspicious(self, pending: Samples) -> tuple[int, bool]:
@@ -226,6 +225,8 @@ class Screen:
         before = self._before
         if before is None:
             return 1, False
+        if loops.there():
+            return self._first_suspicious(before, pending)
         steps = _Steps.between(before + pending)
         known, new = len(before) - 1, len(pending)
         sizes = steps.sizes[known:]
@@ -243,11 +244,41 @@ class Screen:
             return new, False
         return int(suspicious[0]), bool(repeats[suspicious[0]])
 
+    def _first_suspicious(self, before: Samples, pending: Samples) -> tuple[int, bool]:
+        """The same in C, which looks no further."""
+        found = np.empty(2, dtype=np.int64)
+        loops.call(
+            "screen_first",
+            np.ascontiguousarray(before.stamps),
+            loops.doubles(before.poses),
+            len(before),
+            np.ascontiguousarray(pending.stamps),
+            loops.doubles(pending.poses),
+            len(pending),
+            int(self._resting),
+            _FEWEST_STEPS,
+            _USUAL_STEPS,
+            _TIMES_USUAL,
+            _TIMES_LAST,
+            self._least,
+            _EVEN,
+            jumps.LEAST,
+            jumps.LONGEST,
+            self._least_jump,
+            0.5 * jumps.GAP,
+            _TIMES_OFF,
+            _OFF,
+            np.empty((3, len(before) + len(pending))),
+            found,
+        )
+        count, repeats = found.tolist()
+        return count, bool(repeats)
+
     def _large(self, sizes: Array, known: int) -> Mask:
         """Which steps behind the ``known`` ones are far larger than usual; sizes: (n, 2)."""
         before = np.concatenate([np.zeros((3, 2)), sizes])[known:-1]
         last = np.maximum(np.maximum(before[:-2], before[1:-1]), before[2:])
-        limit = np.maximum(_TIMES_LAST * last, _TIMES_ACCURACY * self._accuracy)
+        limit = np.maximum(_TIMES_LAST * last, self._least)
         above = sizes[known:] > limit
         # What is usual costs more than the rest, and so it is asked for where it matters.
         places = np.flatnonzero(above.any(axis=1))
@@ -268,7 +299,7 @@ class Screen:
         found = np.zeros(new, dtype=np.bool_)
         if len(samples) < _FEWEST_STEPS + 3:
             return found
-        least = _TIMES_ACCURACY * self._accuracy[0]
+        least = self._least[0]
         newest = _changes(samples.poses[-new - 5 :, :3, 3], intervals[-new - 4 :])
         last = np.maximum(np.maximum(newest[:-3], newest[1:-2]), newest[2:-1])
         if not (newest[3:] > np.maximum(_TIMES_LAST * last, least)).any():  # mostly
@@ -281,7 +312,9 @@ class Screen:
         windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_CHANGES)[-new:]
         usual, last = _usual(windows[:, None])
         limit = np.maximum(_TIMES_USUAL * usual[:, 0], _TIMES_LAST * last[:, 0])
-        return np.asarray(change[-new:] > np.maximum(limit, least))
+        found = change[-new:] > np.maximum(limit, least)
+        found[: max(_FEWEST_STEPS + 2 - len(self._before), 0)] = False
+        return np.asarray(found)
 
     def _unlike(self, samples: Samples, moved: Array) -> Mask:
         """Which of the samples that are new are to be compared with all that is remembered.
@@ -292,9 +325,7 @@ class Screen:
         old = len(self._before)
         intervals = np.diff(samples.stamps)
         here = intervals[old - 1 :]
-        found = (
-            (here >= jumps.LEAST) & (here <= jumps.LONGEST) & (moved > _JUMP * self._accuracy[0])
-        )
+        found = (here >= jumps.LEAST) & (here <= jumps.LONGEST) & (moved > self._least_jump)
         if old < _OFF + 3:
             found[: _OFF + 3 - old] = False
         if not found.any():
@@ -305,7 +336,7 @@ class Screen:
         off = jumps.errors(times, samples.poses[first:, :3, 3])
         off = np.concatenate([np.full(max(_OFF + 3 - old, 0), np.inf), off])
         largest = np.lib.stride_tricks.sliding_window_view(off[:-1], _OFF).max(axis=1)
-        unlike = off[_OFF:] > np.maximum(_TIMES_OFF * largest, _JUMP * self._accuracy[0])
+        unlike = off[_OFF:] > np.maximum(_TIMES_OFF * largest, self._least_jump)
         return np.asarray(found & (unlike | (here > 0.5 * jumps.GAP * last)))
 
     def _motion(self) -> tuple[Array, Array, float]:
@@ -360,9 +391,9 @@ class Screen:
         # From the sample before the last: the last may have been stamped late.
         step = max(float(seen.stamps[0] - self._before.stamps[-2]) * 1e-9, interval)
         impossible = 4.0 * off[0] / step**2 > _ACCELERATIONS
-        limit = np.maximum(_TIMES_USUAL * usual, _TIMES_ACCURACY * self._accuracy)
+        limit = np.maximum(_TIMES_USUAL * usual, self._least)
         large = off[0] > limit
-        far = off[0] > np.maximum(_FAR * usual, _TIMES_ACCURACY * self._accuracy)
+        far = off[0] > np.maximum(_FAR * usual, self._least)
         if not large.any():
             if not impossible[0] or not self._is_sudden(off[0, 0]):
                 return "", 1
@@ -464,7 +495,7 @@ class Screen:
         if moved < _LEAST_JUMP and angle < _LEAST_TURN:
             self._memory.forget()
             return pending
-        self._back = back @ self._back
+        self._back, self._is_moved, self._as_they_come = back @ self._back, True, False
         return replace(pending, poses=back @ pending.poses)
 
     def _turned_back(self, pending: Samples) -> Samples:
@@ -473,12 +504,12 @@ class Screen:
         more = np.eye(4)
         more[:3, :3] = here[:3, :3].T @ there[:3, :3]
         # As they came, since what is nearly no turn is none.
-        known, self._turn = self._turn, se3.inverse(self._turn)
-        pending = self._put_right(pending)
-        self._turn = known @ more
+        pending = _moved(pending, np.eye(4), se3.inverse(self._turn))
+        self._turn = self._turn @ more
         if np.linalg.norm(se3.log_so3(self._turn[:3, :3])) < _TURNED_BACK:
             self._turn = np.eye(4)
-        pending = self._put_right(pending)
+        self._as_they_come = not (self._turn - np.eye(4)).any() and not self._is_moved
+        pending = _moved(pending, np.eye(4), self._turn)
         stamp = int(pending.stamps[0])
         self._faults.add("flip", stamp, stamp)
         return pending
@@ -514,6 +545,15 @@ class Screen:
             return "frozen", number
         self._resting = True
         return "", number
+
+
+def _moved(samples: Samples, back: Array, turn: Array) -> Samples:
+    """The samples moved ``back`` in the world and by a ``turn`` on the spot, both (4, 4)."""
+    covariances = samples.covariances
+    if covariances is not None:
+        adjoint = se3.adjoint(se3.inverse(turn))
+        covariances = adjoint @ covariances @ adjoint.T
+    return replace(samples, poses=back @ samples.poses @ turn, covariances=covariances)
 
 
 def _ahead(interval: float) -> int:
