@@ -118,9 +118,9 @@ def climb(
         weights, promised = _reweighted(here, apart) if weighted else (here.weights, 0.0)
         if promised > _MUCH and alone < _ALONE:
             alone += 1
-            there = _moved(here, np.zeros(here.parameters.size), weights)
-            if there is not None and penalised(there) > value:
-                before, here, value = None, there, penalised(there)
+            there, reached = _moved(here, np.zeros(here.parameters.size), weights)
+            if there is not None and reached > value:
+                before, here, value = None, there, reached
                 continue
             apart *= _FARTHER
         alone = 0
@@ -133,17 +133,18 @@ def climb(
         step, expected = _newton_step(here.parameters.ravel(), slope, curvature, low, high)
         if expected + promised < gain:
             break
-        there, stuck = _moved(here, step, weights), False
-        if there is None or penalised(there) < value:
+        stuck = False
+        there, reached = _moved(here, step, weights)
+        if there is None or reached < value:
             apart *= _FARTHER
-            there = _along(here, step, value, whole=weighted)
+            there, reached = _along(here, step, value, whole=weighted)
             if there is None:
                 # The curvature is that of another place, or the step can only be noise.
                 if fresh and promised < gain:
                     break
                 stuck = True
-                there = _moved(here, 0.0 * step, weights)
-                if there is None or penalised(there) < value:
+                there, reached = _moved(here, 0.0 * step, weights)
+                if there is None or reached < value:
                     if apart > len(weights[0]):
                         break
                     continue
@@ -151,7 +152,7 @@ def climb(
         settled = promised < max(gain, expected, _SETTLED)
         before = (moved, slope) if settled else None
         far = stuck or (not near and (not settled or float(np.abs(moved).max()) > _FAR))
-        here, value = there, penalised(there)
+        here, value = there, reached
         if near and expected < _SURE:
             break
     return here
@@ -222,24 +223,25 @@ def _newton_step(
     return step, float(slope @ step - 0.5 * step @ curvature @ step)
 
 
-def _along(here: Place, step: Array, value: float, *, whole: bool) -> Place | None:
+def _along(here: Place, step: Array, value: float, *, whole: bool) -> tuple[Place | None, float]:
     """The first point on a shrinking ``step`` (p,) that is better than ``value``, if any.
 
     whole: from all of it on.
     """
     for share in (1.0, 0.5, 0.2, 0.05)[not whole :]:
-        there = _moved(here, share * step, here.weights)
-        if there is not None and penalised(there) > value:
-            return there
-    return None
+        there, reached = _moved(here, share * step, here.weights)
+        if there is not None and reached > value:
+            return there, reached
+    return None, -np.inf
 
 
-def _moved(here: Place, step: Array, weights: tuple[Array, Array]) -> Place | None:
-    """A ``step`` (p,) on; None where there is no likelihood."""
+def _moved(here: Place, step: Array, weights: tuple[Array, Array]) -> tuple[Place | None, float]:
+    """A ``step`` (p,) on, with Φ there; None where there is no likelihood."""
     try:
-        return here.at(here.parameters + step.reshape(here.parameters.shape), weights)
+        there = here.at(here.parameters + step.reshape(here.parameters.shape), weights)
     except np.linalg.LinAlgError:
-        return None
+        return None, -np.inf
+    return there, penalised(there)
 
 
 def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float]:
@@ -286,10 +288,10 @@ def _reweighted_in_c(
         "reweigh",
         count,
         reach,
-        np.stack(poses),
+        *map(loops.doubles, poses),
         float(own[0]),
         now[0],
-        np.stack(steps),
+        *map(loops.doubles, steps),
         loops.doubles(own_move),
         now[1],
         _KAPPA,

@@ -136,22 +136,23 @@ LOOPS_PART void set_largest(int64_t n, int64_t reach, double *values)
     }
 }
 
-/* The factors that the disturbances of N poses and N - 1 steps ask for. poses: squares and rests,
- * (2, N), own variance and factors now; steps likewise, their own variances (N - 1,). Of those within
+/* The factors that the disturbances of N poses and N - 1 steps ask for. poses: squares, with rests,
+ * (N,), own variance and factors now; steps likewise, their own variances (N - 1,). Of those within
  * `reach` places in the order of time only the one that gains most changes, and those that hardly
  * change in the logarithm. new: those of poses and of steps, (2 N - 1,). work: (4 N - 2 + 2 reach,).
  * promised: what they gain. */
-LOOPS_WIDE int reweigh(int64_t count, int64_t reach, const double *poses, double own, const double *measured,
-            const double *steps, const double *own_steps, const double *moved, double kappa,
-            double rare, double little, double *new, double *work, double *promised)
+LOOPS_WIDE int reweigh(int64_t count, int64_t reach, const double *poses, const double *rests, double own,
+                       const double *measured, const double *steps, const double *step_rests,
+                       const double *own_steps, const double *moved, double kappa, double rare,
+                       double little, double *new, double *work, double *promised)
 {
     double *const largest = work, *const gains = work + 2 * count - 1 + 2 * reach;
     int some = 0;
     for (int64_t i = 0; i < count; i++) {
-        new[i] = likeliest(poses[i], poses[count + i], own, measured[i], kappa, rare, gains + 2 * i);
+        new[i] = likeliest(poses[i], rests[i], own, measured[i], kappa, rare, gains + 2 * i);
         some |= gains[2 * i] > 0.0;
         if (i + 1 < count) {
-            new[count + i] = likeliest(steps[i], steps[count - 1 + i], own_steps[i], moved[i], kappa,
+            new[count + i] = likeliest(steps[i], step_rests[i], own_steps[i], moved[i], kappa,
                                        rare, gains + 2 * i + 1);
             some |= gains[2 * i + 1] > 0.0;
         }
