@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import data
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3Stamped
 from harness import Graph, values_of
 
@@ -42,3 +43,10 @@ def test_a_burst_of_evaluations_is_not_cut(graph: Graph) -> None:
     for topic, messages in heard.items():
         fewest = count - (topic.startswith("relative"))
         graph.until(lambda m=messages, n=fewest: len(m) >= n, f"{fewest} of {topic}")
+
+
+def test_a_reader_that_asks_for_more_than_is_offered_is_spoken_of(graph: Graph) -> None:
+    """Events of publishers are waited for more rarely than services, but they are."""
+    evaluator = graph.start_evaluator()
+    graph.listen(DiagnosticArray, "/evaluator/metrics", latched=True)
+    graph.until(lambda: "incompatible QoS" in evaluator.output, "a warning")

@@ -9,11 +9,13 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from rclpy.clock import ROSClock
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from trajeval_ros.files.output import OutputError
@@ -26,6 +28,7 @@ from trajeval_ros.node.diagnostics import Status, check_ending
 from trajeval_ros.node.discovery import waiting
 from trajeval_ros.node.estimate import SHARE, Estimate
 from trajeval_ros.node.figures import summary_lines
+from trajeval_ros.node.groups import Gated
 from trajeval_ros.node.inputs import BATCH, KNOWN, QUEUE_DEPTH, Input
 from trajeval_ros.node.monitor import Monitor
 from trajeval_ros.node.outputs import Table, flush
@@ -42,17 +45,23 @@ from trajeval_ros.wall import shield
 # How long what has come may wait for its batch (s). What a batch costs grows slowly with its size:
 # beyond their share of the processor they become rarer and larger, by the mean cost of the last ten
 # or so. One that closes a segment costs several times as much as the others, and must not make the
-# next one wait. Where nobody hears of single poses nobody waits.
+# next one wait. Where nobody hears of single poses nobody waits, and of anything of the run still
+# less; the queues hold a hundred times as much.
 _BATCH_PERIOD = 0.02
 _LONGEST_BATCH_PERIOD = 0.04
 _UNHEARD_BATCH_PERIOD = 0.2
+_UNWATCHED_BATCH_PERIOD = 0.5
 _BATCH_SHARE = 0.05
 _SMOOTHING = 0.1
 # Of each estimate in a batch: poses that have waited for a lesson are caught up with in several.
 _MOST_POSES = 500
 # Without messages the clock alone can end a wait, of a second and more.
 _CLOCK_PERIOD = 0.1
+# What a publisher sends before it is found is lost: as long as one is missing they are counted more
+# often. One may have gone and another come, so that the count is the same.
 _DISCOVERY_PERIOD = 0.2
+_FIRST_DISCOVERY_PERIOD = 0.02
+_THOROUGH_DISCOVERY_PERIOD = 1.0
 _DIAGNOSTICS_PERIOD = 1.0
 _CAUSES_PERIOD = 5.0
 _COMPARISON_PERIOD = 1.0
@@ -99,6 +108,8 @@ class Evaluator(Node):
         ParameterError
             For a parameter that is unknown, of the wrong type or out of range.
         """
+        self.events = Gated()
+        """Events of publishers, such as a reader that asks for more than is offered."""
         super().__init__("evaluator", automatically_declare_parameters_from_overrides=True)
         values = parameters.declare(self)
         names = names_in(values)
@@ -129,6 +140,7 @@ class Evaluator(Node):
         self._oriented: dict[int, bool] = {}  # by topic: whether what comes has an orientation
         self._defects_said: set[str] = set()
         self._batch_cost = self._next_fit = self._next_path = self._next_clock = 0.0
+        self._next_discovery = 0.0
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -141,7 +153,7 @@ class Evaluator(Node):
                 (_WAITING_PERIOD, self._on_waiting),
                 (_ERROR_MODEL_PERIOD, self._on_error_model),
                 (_LATEST_PATH_PERIOD, self._on_latest_paths),
-                (_DIAGNOSTICS_PERIOD, self._on_diagnostics),
+                (_DIAGNOSTICS_PERIOD, self._on_health),
                 (_PATH_PERIOD, self._on_paths),
                 (_MARKER_PERIOD, self._on_markers),
             )
@@ -149,6 +161,10 @@ class Evaluator(Node):
         if self._session.error is not None:
             self.get_logger().error(self._session.error)
         self._searches.start(loading)
+
+    def create_publisher(self, *of: Any, **further: Any) -> Publisher:
+        """As of any node, with its events behind the gate."""
+        return super().create_publisher(*of, **{"callback_group": self.events, **further})
 
     def work(self) -> float:
         """Do what is due, and return for how long there is nothing to do (s)."""
@@ -210,15 +226,37 @@ class Evaluator(Node):
             self._batch_cost += _SMOOTHING * (took - self._batch_cost)
         for each in self._estimates:
             each.publish_due(begin)
-        if self._is_behind:
-            return 0.0
-        if not any(each.outputs.is_heard for each in self._estimates):
-            return _UNHEARD_BATCH_PERIOD
-        return min(max(self._batch_cost / _BATCH_SHARE, _BATCH_PERIOD), _LONGEST_BATCH_PERIOD)
+        return 0.0 if self._is_behind else self._batch_period
 
-    def _on_discovery(self) -> None:
+    @property
+    def _batch_period(self) -> float:
+        """How long what comes may wait (s): as long as those who listen do not notice."""
+        if any(each.outputs.is_heard for each in self._estimates):
+            period = max(self._batch_cost / _BATCH_SHARE, _BATCH_PERIOD)
+            return min(period, _LONGEST_BATCH_PERIOD)
+        is_watched = (
+            self._metrics.wanted
+            or self._visualization.is_wanted
+            or any(each.outputs.numbers_wanted for each in self._estimates)
+        )
+        return _UNHEARD_BATCH_PERIOD if is_watched else _UNWATCHED_BATCH_PERIOD
+
+    def _on_discovery(self) -> float:
+        now = time.monotonic()
+        is_thorough = now >= self._next_discovery
+        if is_thorough:
+            self._next_discovery = now + _THOROUGH_DISCOVERY_PERIOD
         for each in self._inputs:
-            each.discover()
+            if is_thorough or each.has_changed:
+                each.discover()
+        all_found = all(each.is_subscribed for each in self._inputs)
+        return _DISCOVERY_PERIOD if all_found else _FIRST_DISCOVERY_PERIOD
+
+    def _on_health(self) -> None:
+        if self._batch_period > _LONGEST_BATCH_PERIOD:
+            # Or a second has the messages of half a second, or of one and a half.
+            self._process()
+        self._on_diagnostics()
 
     def _on_diagnostics(self, ending: Sequence[Status] = ()) -> None:
         states = [each.state for each in self._inputs]

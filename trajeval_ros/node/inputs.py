@@ -4,7 +4,7 @@
 
 The messages are not delivered by callbacks. A callback a message costs an executor 100 µs and more;
 taking a serialised message from the middleware costs 4 µs. So the subscriptions belong to a
-callback group that never executes, the middleware's queue is the queue, and the node
+callback group that is never executed, the middleware's queue is the queue, and the node
 empties it.
 """
 
@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Path
-from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -30,6 +29,7 @@ from trajeval_ros.files.paths import PATH_TYPE, GrowingPath, decode_paths
 from trajeval_ros.files.points import FIX_TYPE, POINT_TYPE, PYPROJ_IS_MISSING, Points
 from trajeval_ros.node.decode import POSE_TYPES, Decoded, decode, deserialized
 from trajeval_ros.node.discovery import Endpoint, Offer, Plan, plan
+from trajeval_ros.node.groups import Gated
 from trajeval_ros.online.samples import PoseSamples
 
 Array = npt.NDArray[np.float64]
@@ -61,19 +61,6 @@ _DURABILITY = {
     "volatile": DurabilityPolicy.VOLATILE,
     "transient_local": DurabilityPolicy.TRANSIENT_LOCAL,
 }
-
-
-class _Polled(CallbackGroup):
-    """Keeps what belongs to it away from the executor."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +97,7 @@ class Input:
         self._plan = Plan(None, ())
         self._subscription: Subscription | None = None
         self._held: Decoded | None = None
-        self._group = _Polled()
+        self._group = Gated()  # never opened
         self._identities: list[tuple[int, ...]] = []
         self._sequence: int | None = None
         self._lost = 0
@@ -140,6 +127,16 @@ class Input:
             self._frame_changes,
             self._is_shared,
         )
+
+    @property
+    def is_subscribed(self) -> bool:
+        """Whether a publisher has been found that can be heard."""
+        return self._subscription is not None
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether there are more or fewer publishers."""
+        return bool(self._node.count_publishers(self._topic) != len(self._publishers))
 
     @property
     def frame(self) -> str:

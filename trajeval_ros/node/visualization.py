@@ -52,6 +52,11 @@ class _Lazy:
             self._publisher.publish(make())
         self._state = state
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody listens."""
+        return bool(self._publisher.get_subscription_count())
+
     def clear(self, empty: object) -> None:
         """Publish ``empty`` in place of what was there, also for those who come later."""
         self._publisher.publish(empty)
@@ -103,6 +108,12 @@ class Visualization:
         if len(results.evaluations):
             self._estimates[name].add(results)
             self._frame = frame
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody looks."""
+        paths = (one.path for one in self._estimates.values())
+        return any(each.is_wanted for each in (self._truth, self._markers, *paths))
 
     def clear(self) -> None:
         """Start over, and take paths and markers off the screen."""
