@@ -19,6 +19,17 @@ Work = Callable[[Task], list[Outcome]]
 PATIENCE = 10.0
 """How long a scheduler may take to answer, s."""
 
+# Of the processes that are started here. Dask's own keep a profile, 10 MB a minute and worker; they
+# ask whether the event loop is awake fifty times a second, and for the memory ten times: together
+# 5 % of a core, a fifth of which is left.
+_QUIET = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.memory.monitor-interval": "1s",
+    "distributed.scheduler.active-memory-manager.start": False,
+}
+
 
 class ClusterError(RuntimeError):
     """The cluster cannot be reached, or is gone; the message is one line."""
@@ -29,7 +40,6 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
     """A client of the ``scheduler``, or of so many processes of this machine while it lasts.
 
     Processes, of one thread each: the mathematics holds the interpreter's lock half of the time.
-    They do not profile themselves, as Dask's do otherwise: that is kept, 10 MB a minute and worker.
 
     Raises :class:`ClusterError` where there is no such scheduler.
     """
@@ -45,7 +55,7 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
             yield client
         return
     with (
-        dask.config.set({"distributed.worker.profile.enabled": False}),
+        dask.config.set(_QUIET),
         LocalCluster(
             n_workers=workers or cores(),
             threads_per_worker=1,
