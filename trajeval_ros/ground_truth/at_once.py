@@ -63,9 +63,8 @@ class Answers:
             places = map(loops.address, arrays)
             segments.append((len(samples), *places, len(own), *incoming, *outgoing))
             for epoch in own:
-                addresses = epoch.regression.addresses
-                assert addresses is not None
-                epochs.append((epoch.first, *epoch.since, loops.address(epoch.before), *addresses))
+                before = loops.address(epoch.before)
+                epochs.append((epoch.first, *epoch.since, before, *epoch.regression.addresses))
                 bounds.append((*epoch.process.least_scales, epoch.process.stamp_shared))
         if not segments or not len(self._stamps):
             return

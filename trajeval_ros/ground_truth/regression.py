@@ -67,13 +67,17 @@ class Regression:
         return len(self._variance)
 
     @property
-    def addresses(self) -> tuple[int, ...] | None:
-        """As ``posterior.c`` has an epoch's, from ``priors`` on, until more samples come.
+    def is_in_c(self) -> bool:
+        """Whether it is factored in C."""
+        return isinstance(self._factor, RecursiveFactor)
 
-        None where it is not factored in C.
+    @property
+    def addresses(self) -> tuple[int, ...]:
+        """Where it `is_in_c`, as ``posterior.c`` has an epoch's, from ``priors`` on.
+
+        Until more samples come.
         """
-        if not isinstance(self._factor, RecursiveFactor):
-            return None
+        assert isinstance(self._factor, RecursiveFactor)
         return loops.address(self._kernel.variances), *self._factor.addresses
 
     @property

@@ -337,7 +337,7 @@ class Segment:
         """Whether it is factored in C, or will be: then `at_once` asks it."""
         known = self._known
         if known.epochs:
-            return known.epochs[0].regression.addresses is not None
+            return known.epochs[0].regression.is_in_c
         return loops.there() and all(isinstance(each, Matern) for each in known.process.kernels)
 
     def advance(self) -> None:
