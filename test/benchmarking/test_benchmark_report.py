@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import html.parser
 import re
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -59,9 +60,16 @@ def keyed(rows: list[Row]) -> list[Row]:
     return [{**row, "key": str(place), "error": None} for place, row in enumerate(rows)]
 
 
-def errors_for(rows: list[Row]) -> list[Errors]:
+Ask = Callable[[Sequence[str]], list[Errors]]
+
+
+def errors_for(rows: list[Row]) -> Ask:
     generator = np.random.default_rng(0)
-    return [Errors(str(row["key"]), 0.5, generator.uniform(0.0, 1.0, 200)) for row in rows]
+    return asked([Errors(str(r["key"]), 0.5, generator.uniform(0.0, 1.0, 200)) for r in rows])
+
+
+def asked(errors: list[Errors]) -> Ask:
+    return lambda keys: [one for one in errors if one.key in keys]
 
 
 def test_it_is_one_page_with_every_picture() -> None:
@@ -84,7 +92,7 @@ def test_it_is_one_page_with_every_picture() -> None:
 
 def test_without_a_baseline_there_is_no_word_of_one() -> None:
     rows = keyed(made_rows(1))
-    assert "baseline" not in _Page(page(Benchmark(rows, compare(rows), []))).words
+    assert "baseline" not in _Page(page(Benchmark(rows, compare(rows), asked([])))).words
 
 
 def test_names_are_text() -> None:
@@ -102,23 +110,45 @@ def test_failures_are_listed_and_drawn_beside_the_boxes() -> None:
         {**row, "status": FAILED, "error": "no pose"} if row["run"] in ("3", "4") else row
         for row in keyed(made_rows(1))
     ]
-    made = _Page(page(Benchmark(rows, compare(rows), [])))
+    made = _Page(page(Benchmark(rows, compare(rows), asked([]))))
     assert "Runs that failed: orb_slam 6 of 30, vins 6 of 30" in made.words
     assert "2 failed" in made.words
     assert made.words.count("no pose") == 12
     whole = [{**row, "status": FAILED, "error": "no pose"} for row in rows]
     bare = [{k: v for k, v in row.items() if not isinstance(v, float)} for row in whole]
-    said = _Page(page(Benchmark(bare, compare(bare), []))).words
+    said = _Page(page(Benchmark(bare, compare(bare), asked([])))).words
     first = "/".join(str(bare[0][name]) for name in ("system", "sequence", "run"))
     assert f"No run could be evaluated. The first, {first}: no pose." in said
     assert "Runs that failed: orb_slam all 30, vins all 30." in said
     assert "best" not in said
+    assert "ATE, median" not in said
+
+
+def test_the_first_sentence_has_each_system_s_error_the_smallest_first() -> None:
+    said = _Page(page(Benchmark(rows := keyed(made_rows(1, 1.3)), compare(rows), asked([])))).words
+    found = re.search(
+        r"ATE, median over runs, geometric mean over 3 sequences:"
+        r" orb_slam ([\d.]+) m, vins ([\d.]+) m\.",
+        said,
+    )
+    assert found is not None
+    assert float(found[2]) == pytest.approx(1.3 * float(found[1]), rel=0.1)
+    many = [
+        {**row, "system": f"s{n:02}", "key": f"{n} {row['key']}"}
+        for n in range(8)
+        for row in rows[:3]
+    ]
+    said = _Page(page(Benchmark(many, compare(many), asked([])))).words
+    assert "ATE of the best 5 systems, median over runs: s00 " in said
+    assert "s05 0." not in said
 
 
 def test_one_system_on_one_sequence_is_spoken_of_as_that() -> None:
     rows = [r for r in keyed(made_rows(1)) if (r["system"], r["sequence"]) == ("vins", "hall")]
-    said = _Page(page(Benchmark(rows, compare(rows), []))).words
+    said = _Page(page(Benchmark(rows, compare(rows), asked([])))).words
     assert "1 system on 1 sequence, 10 runs: 10 evaluated" in said
+    errors = [float(str(row["conventional.ate_translation_rmse"])) for row in rows]
+    assert f"ATE, median over runs: vins {np.median(errors):#.3g} m." in said
     for word in ("Over all", "Bold", "sequences", "failed", "best"):
         assert word not in said, word
 
@@ -151,8 +181,8 @@ def test_the_pictures_have_no_number_that_is_none() -> None:
     rows = keyed(made_rows(1))
     for row in rows[::7]:
         row["status"] = FAILED
-    holes = errors_for(rows)
+    holes = errors_for(rows)([str(row["key"]) for row in rows])
     for one in holes:
         one.values[40:90] = np.nan
-    text = page(Benchmark(rows, compare(rows), holes))
+    text = page(Benchmark(rows, compare(rows), asked(holes)))
     assert re.findall(r'"[^"]*\b(?:nan|inf)\b[^"]*"', text) == []

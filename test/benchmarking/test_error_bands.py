@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from benchmarking.conftest import make_runs
 
-from trajeval_ros.benchmarking.errors import Errors, ErrorsFile, band, read_errors
+from trajeval_ros.benchmarking.errors import Errors, ErrorsFile, StoredErrors, band, read_errors
 from trajeval_ros.benchmarking.manifest import read_manifest
 from trajeval_ros.benchmarking.plan import plan, tasks
 from trajeval_ros.benchmarking.work import outcomes_of
@@ -44,6 +44,17 @@ def test_they_are_read_as_they_were_written(tmp_path: Path) -> None:
     assert sorted(found) == ["a", "b"]
     assert found["a"].step == 0.25
     np.testing.assert_array_equal(found["b"].values, holes.values)
+
+
+def test_those_that_are_asked_for_are_read_alone(tmp_path: Path) -> None:
+    assert StoredErrors(tmp_path).of(["a"]) == []
+    file = ErrorsFile(tmp_path, [errors("a", 1.0), errors("b", 2.0), errors("c", 3.0)])
+    path = tmp_path / "errors.csv"
+    path.write_bytes(path.read_bytes() + "d,é,ü\nb,1\n".encode())
+    file.add([errors("a", 4.0), errors("d", 5.0)])
+    path.write_bytes(path.read_bytes()[:-1])
+    found = StoredErrors(tmp_path).of(["c", "d", "a", "x"])
+    assert [(one.key, one.values[0]) for one in found] == [("c", 3.0), ("a", 4.0)]
 
 
 def test_what_cannot_be_read_costs_itself_alone(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -88,18 +89,54 @@ def read_errors(folder: Path, keys: Iterable[str]) -> Iterator[Errors]:
     One that is there twice is read twice: the later one is right.
     """
     wanted = set(keys)
-    with (
-        contextlib.suppress(OSError),
-        (folder / ERRORS).open(encoding="ascii", errors="replace") as file,
-    ):
-        # A last line that is cut off does not count.
-        for line in (line for line in file if line.endswith("\n")):
-            key, _, rest = line.partition(",")
-            cells = rest.strip().split(",")
-            if key in wanted and len(cells) == 1 + _BINS:
-                with contextlib.suppress(ValueError):
-                    numbers = [float(cell) if cell else math.nan for cell in cells]
-                    yield Errors(key, numbers[0], np.array(numbers[1:]))
+    with contextlib.suppress(OSError), (folder / ERRORS).open("rb") as file:
+        yield from (one for _, one in _lines(file) if one.key in wanted)
+
+
+class StoredErrors:
+    """``errors.csv`` of a benchmark, of which the runs that are asked for are read, no others."""
+
+    def __init__(self, folder: Path) -> None:
+        """Go through the file once, for where each run's line begins; the later one is right."""
+        self._path = folder / ERRORS
+        self._places: dict[str, int] = {}
+        with contextlib.suppress(OSError), self._path.open("rb") as file:
+            self._places = {one.key: place for place, one in _lines(file)}
+
+    def of(self, keys: Iterable[str]) -> list[Errors]:
+        """Those of the ``keys`` that are there, in their order."""
+        places = [self._places[key] for key in keys if key in self._places]
+        found = []
+        with contextlib.suppress(OSError), self._path.open("rb") as file:
+            for place in places:
+                file.seek(place)
+                one = _parsed(file.readline())
+                found += [] if one is None else [one]
+        return found
+
+
+def _lines(file: BinaryIO) -> Iterator[tuple[int, Errors]]:
+    """The runs of a file, and where the line of each begins."""
+    place = 0
+    for line in file:
+        one = _parsed(line)
+        if one is not None:
+            yield place, one
+        place += len(line)
+
+
+def _parsed(line: bytes) -> Errors | None:
+    """A run's errors; None of what is none, such as a last line that is cut off."""
+    text = line.decode("ascii", errors="replace")
+    key, _, rest = text.partition(",")
+    cells = rest.strip().split(",")
+    if not text.endswith("\n") or len(cells) != 1 + _BINS:
+        return None
+    try:
+        numbers = [float(cell) if cell else math.nan for cell in cells]
+    except ValueError:
+        return None
+    return Errors(key, numbers[0], np.array(numbers[1:]))
 
 
 @dataclass(frozen=True)

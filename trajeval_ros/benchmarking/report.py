@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +27,8 @@ _STYLE = Path(__file__).with_name("report.css")
 # Of more sequences than this there are no pictures, and of more runs that failed no lines.
 _MOST_PICTURES = 24
 _MOST_LINES = 100
+# Whose errors the first sentence says.
+_MOST_SAID = 5
 # Ten times the best error has the full colour; a tenth of it is as strong as can be read through.
 _STRONGEST = 0.8
 
@@ -53,11 +55,14 @@ _RANKS = (
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What a report shows: the rows, how they compare, errors over time, the gate's findings."""
+    """What a report shows: the rows, how they compare, errors over time, the gate's findings.
+
+    ``errors`` gives those of the runs of some keys, as far as there are any.
+    """
 
     rows: Sequence[Row]
     comparison: Comparison
-    errors: Iterable[Errors]
+    errors: Callable[[Sequence[str]], Sequence[Errors]]
     verdict: Verdict | None = None
 
     @cached_property
@@ -124,6 +129,7 @@ def _says(benchmark: Benchmark) -> Iterator[tuple[bool, str]]:
         name = "/".join(str(first[part]) for part in ("system", "sequence", "run"))
         why = html.escape(f"{name}: {first['error']}")
         yield True, f"No run could be evaluated. The first, {why}."
+    yield from ((False, line) for line in _errors(comparison))
     for place, system in enumerate(comparison.systems):
         best = [
             f.title
@@ -165,6 +171,26 @@ def _says(benchmark: Benchmark) -> Iterator[tuple[bool, str]]:
                 True,
                 (f"<b>{html.escape(system)}</b> has no run on {html.escape(sequence)} any more."),
             )
+
+
+def _errors(comparison: Comparison) -> Iterator[str]:
+    """How large the systems' ATE is, the smallest first; only of those that can be compared."""
+    table, ate = comparison.over_all, FIGURES[0]
+    known = [
+        (one.median, place)
+        for place, one in enumerate(table.of(ate))
+        if one.whole and one.median is not None and np.isfinite(one.median)
+    ]
+    if not known:
+        return
+    shown = [
+        f"<b>{html.escape(comparison.systems[place])}</b> {number(median * ate.factor)} {ate.unit}"
+        for median, place in sorted(known)[:_MOST_SAID]
+    ]
+    many = len(table.sequences) > 1
+    over = f", geometric mean over {len(table.sequences)} sequences" if many else ""
+    first = f" of the best {_MOST_SAID} systems" if len(known) > _MOST_SAID else ""
+    yield f"ATE{first}, median over runs{over}: {', '.join(shown)}."
 
 
 def _each_best(comparison: Comparison) -> Iterator[str]:
@@ -296,14 +322,13 @@ def _over_time(benchmark: Benchmark) -> str:
     comparison = benchmark.comparison
     if len(comparison.each) > _MOST_PICTURES:
         return f"<p class=note>No pictures, of more than {_MOST_PICTURES} sequences.</p>"
-    by_key = {one.key: one for one in benchmark.errors}
     pictures = []
     for table in comparison.each:
         found: dict[int, Band] = {}
         for place, system in enumerate(comparison.systems):
             group = benchmark.groups.get((system, table.sequences[0]), ())
             keys = [str(row["key"]) for row in group if row["status"] in (OK, FAILED)]
-            of_runs = band([by_key[key] for key in keys if key in by_key], len(keys))
+            of_runs = band(benchmark.errors(keys), len(keys))
             if of_runs is not None:
                 found[place] = of_runs
         if found:

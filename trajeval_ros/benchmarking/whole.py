@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from trajeval_ros.benchmarking import cluster, tables
-from trajeval_ros.benchmarking.errors import ErrorsFile, read_errors
+from trajeval_ros.benchmarking.errors import ErrorsFile, StoredErrors, read_errors
 from trajeval_ros.benchmarking.gate import Verdict
 from trajeval_ros.benchmarking.grids import grids
 from trajeval_ros.benchmarking.manifest import Manifest, read_manifest
@@ -76,8 +76,7 @@ def publish(folder: Path, rows: Sequence[Row], verdict: Verdict | None = None) -
     """Write the tables and the report of a benchmark that is done; with what the gate found."""
     comparison = compare(rows)
     tables.write(folder, grids(comparison))
-    errors = read_errors(folder, [str(row["key"]) for row in rows])
-    text = page(Benchmark(rows, comparison, errors, verdict))
+    text = page(Benchmark(rows, comparison, StoredErrors(folder).of, verdict))
     (folder / REPORT).write_text(text, encoding="utf-8")
 
 
