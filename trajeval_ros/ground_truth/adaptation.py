@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -267,6 +267,10 @@ class Watch:
                 sums[group], since[group], raised[group] = self._look(
                     group, squares[group, new], telling[group, new]
                 )
+        if raised[0, 0] < 0 and raised[1, 0] < 0:  # mostly
+            self._sums, self._since = sums, since
+            self._looked[:] = end
+            return []
         still = raised[:, 0] < 0
         self._sums[still], self._since[still], self._looked[still] = sums[still], since[still], end
         return [(*raised[group].tolist(), group) for group in np.flatnonzero(~still).tolist()]
@@ -333,6 +337,7 @@ class Adaptation:
         self.process = process
         self._regimes = regimes
         self._watch = Watch()
+        self._least = np.log(_TELLING * np.square(process.accuracy))
         self.epochs: list[Epoch] = []
         self.count = 0
         """Number of samples taken."""
@@ -407,18 +412,23 @@ class Adaptation:
         first = self._watch.looked
         if first >= regression.count:
             return None
-        squares, log_dets = (
-            each.reshape(2, -1, regression.count - first) for each in regression.innovations(first)
-        )
-        least = np.log(_TELLING * np.square(self.process.accuracy))
-        telling = np.asarray((log_dets > least[:, None, None]).all(axis=1))
-        found = self._watch.look(squares.sum(axis=1), telling)
+        squares, log_dets = regression.innovations(first)
+        telling = log_dets > self._least.repeat(len(log_dets) // 2)[:, None]
+        if len(squares) > 2:
+            squares = _of_groups(squares).sum(axis=1)
+            telling = np.asarray(_of_groups(telling).all(axis=1))
+        found = self._watch.look(squares, telling)
         if not found:
             return None
         row, since, group = min(found)
         seen, _ = regression.innovations(since)
-        seen = seen.reshape(2, -1, regression.count - since)[group].sum(axis=0)
+        seen = _of_groups(seen)[group].sum(axis=0)
         return row, since, group, float(seen[: row + 1 - since].mean()) / _COORDINATES
+
+
+def _of_groups(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Those of translation and of rotation apart: (2, G / 2, n) of (G, n)."""
+    return values.reshape(2, -1, values.shape[1])
 
 
 def _replaced(pair: tuple[_Any, _Any], index: int, value: _Any) -> tuple[_Any, _Any]:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +100,7 @@ class Fits:
             if not self._anew or stamp - self._anew[-1] > _SECOND:
                 self._anew.append(stamp)
         self._noise = _noise(epoch.process)
-        translation, rotation = np.median(self._recent, axis=0).tolist()
+        translation, rotation = (_median(each) for each in zip(*self._recent, strict=True))
         self.fit = Fit(
             (translation, rotation),
             self._noise,
@@ -130,6 +131,12 @@ class Fits:
         if seconds >= _NOISY:
             self._faults.add("noise_grows", self._noisy_since, end, seconds - self._noted)
             self._noted = seconds
+
+
+def _median(values: Sequence[float]) -> float:
+    """NumPy's takes twenty times as long for so few."""
+    ordered = sorted(values)
+    return 0.5 * (ordered[(len(values) - 1) // 2] + ordered[len(values) // 2])
 
 
 def _white(epoch: Epoch) -> tuple[float, float]:
