@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.ground_truth.ticks import coarsest, on_even_clock
+from trajeval_ros.ground_truth.ticks import coarsest, middle, on_even_clock
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -210,7 +210,7 @@ def _sums(times: Array, x: Array) -> tuple[float, float, float, float]:
     velocity = (x[high] - x[low]) / (times[high] - times[low])[:, None]
     speed = np.linalg.norm(velocity, axis=1)
     direction = velocity / np.where(speed > 0.0, speed, 1.0)[:, None]
-    limit = math.sqrt(_CLIPPED * float(np.median((residual**2).sum(axis=1))))
+    limit = math.sqrt(_CLIPPED * middle((residual**2).sum(axis=1)))
     size = np.linalg.norm(residual, axis=1)
     residual *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))[:, None]
     along = (residual * direction).sum(axis=1)
