@@ -32,14 +32,16 @@ def feed_all(
     ground_truth: PoseSamples,
     estimates: Mapping[str, PoseSamples],
     chunk: int = 1_000_000_000,
+    ahead: int = 0,
 ) -> Iterator[dict[str, Results]]:
     """Feed all in the order of their stamps, ``chunk`` (ns) at a time, and yield the results.
 
     ``estimates`` by the engine's names. A pose whose stamp is out of order goes with the poses
-    before it.
+    before it. The ground truth may be up to ``ahead`` (ns) of the estimates: many samples at a time
+    cost less, and the answers do not depend on it.
     """
     times = _times(engine, ground_truth, estimates)
-    yield from _fed(engine, ground_truth, estimates, times, _chunk_ends(times, chunk))
+    yield from _fed(engine, ground_truth, estimates, times, _chunk_ends(times, chunk), ahead)
 
 
 def feed_evenly(
@@ -75,14 +77,21 @@ def _fed(
     estimates: Mapping[str, PoseSamples],
     times: Sequence[Stamps],
     ends: Iterable[int],
+    ahead: int = 0,
 ) -> Iterator[dict[str, Results]]:
     """Feed what arrives at ``times`` up to each of ``ends``, and yield the results."""
     topics = [ground_truth, *estimates.values()]
     taken = [0] * len(topics)
+    known: int | None = None
     for now in ends:
         until = [int(np.searchsorted(t, now, side="right")) for t in times]
+        if known is None or now > known:
+            known = now + ahead
+            until[0] = int(np.searchsorted(times[0], known, side="right"))
+        until[0] = max(until[0], taken[0])
         batches = [topic[a:b] for topic, a, b in zip(topics, taken, until, strict=True)]
-        engine.add_ground_truth(batches[0])
+        if len(batches[0]):
+            engine.add_ground_truth(batches[0])
         for name, batch in zip(estimates, batches[1:], strict=True):
             engine.add_estimate(batch, name)
         taken = until

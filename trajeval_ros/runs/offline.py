@@ -28,6 +28,7 @@ from trajeval_ros.online.feed import feed_all
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.positions import rows_of
 from trajeval_ros.online.results import Health, Notice, Results, TopicHealth
+from trajeval_ros.online.settings import PATIENCE
 from trajeval_ros.online.summary_on_positions import drift_on_positions
 from trajeval_ros.online.whole_run import drift, grown, whole_run
 from trajeval_ros.report import Report
@@ -48,6 +49,8 @@ _SECOND = 1_000_000_000
 # So many nanoseconds of data at a time: a chunk costs some milliseconds, however much is in it. The
 # report has a point of the running absolute error a chunk, so for it there are as many as this.
 _CHUNK = 40_000_000_000
+# Of smaller ones the ground truth is fed together: half of what the engine keeps of it.
+_AHEAD = PATIENCE // 2
 _POINTS = 120
 # The error model asks the ground truth anew at every offset of the clocks that it tries, so the
 # whole of it is kept, a kilobyte a sample; and a fit of all poses takes 12 kB of each. Of more than
@@ -107,7 +110,9 @@ def score(
     note_orientations(engine, truth, {name: one.estimate for name, one in scorings.items()})
     kept = {name: WholeRun(len(one.estimate)) for name, one in scorings.items()}
     done = 0
-    for found in feed_all(engine, truth.samples, estimates, _chunk(scorings)):
+    chunk = _chunk(scorings)
+    ahead = min(_AHEAD, _CHUNK - chunk)
+    for found in feed_all(engine, truth.samples, estimates, chunk, ahead):
         for name, results in found.items():
             scoring = scorings[name]
             if scoring.explain:
