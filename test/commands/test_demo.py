@@ -161,7 +161,7 @@ def test_a_signal_leaves_no_process_behind(number: signal.Signals, tmp_path: Pat
                 time.sleep(0.01)
             shown.send_signal(number)
         _, errors = shown.communicate(timeout=240)
-        assert shown.returncode == 130
+        assert shown.returncode == 130, errors
         assert errors == "demo: error: interrupted\n"
     finally:
         shown.terminate()
