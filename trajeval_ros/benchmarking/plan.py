@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from trajeval_ros import __version__
@@ -15,8 +16,10 @@ from trajeval_ros.benchmarking.manifest import Manifest, Run, Sequence, Source
 from trajeval_ros.files.provenance import content_of
 from trajeval_ros.online.parameters import Value
 
-# Runs that share a ground truth in one task at most: what a worker's death costs, and its memory.
-_MOST_RUNS = 20
+# Runs that share a ground truth in one task at most, and bytes of their files, some 300,000 poses:
+# what a worker's death costs, and its memory.
+_MOST_RUNS = 50
+_MOST_BYTES = 32_000_000
 
 
 @dataclass(frozen=True)
@@ -81,14 +84,37 @@ def tasks(manifest: Manifest, planned: Mapping[str, Iterable[Planned]], workers:
     """
     total = sum(len(list(runs)) for runs in planned.values())
     size = min(max(-(-total // (2 * workers)), 1), _MOST_RUNS)
-    made = []
-    for sequence in manifest.sequences:
-        left = _in_turn(planned[sequence.name])
-        made += [
-            Task(sequence.ground_truth, sequence.parameters, tuple(left[begin : begin + size]))
-            for begin in range(0, len(left), size)
-        ]
-    return made
+    return [
+        Task(sequence.ground_truth, sequence.parameters, tuple(part))
+        for sequence in manifest.sequences
+        for part in _parts(_in_turn(planned[sequence.name]), size)
+    ]
+
+
+def _parts(runs: Iterable[Planned], size: int) -> Iterator[list[Planned]]:
+    """The runs in order, cut where there are enough of them, or of their bytes."""
+    part: list[Planned] = []
+    held = 0
+    for one in runs:
+        more = _bytes_of(one.run.source.path)
+        if part and (len(part) == size or held + more > _MOST_BYTES):
+            yield part
+            part, held = [], 0
+        part.append(one)
+        held += more
+    if part:
+        yield part
+
+
+def _bytes_of(path: str) -> int:
+    """The size of a file; of a folder, as of a bag, that of its files; none of one that is gone."""
+    files = [path]
+    if os.path.isdir(path):
+        files = [each.path for each in os.scandir(path)]
+    try:
+        return sum(os.path.getsize(each) for each in files)
+    except OSError:
+        return 0
 
 
 def _in_turn(runs: Iterable[Planned]) -> list[Planned]:
