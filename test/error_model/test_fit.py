@@ -150,7 +150,7 @@ def along_x(seconds):
 @pytest.mark.parametrize(
     ("path", "hidden"),
     [
-        (still, {"x", "y", "z", "roll", "pitch", "yaw", "scale"}),
+        (still, {"clock_offset", "x", "y", "z", "roll", "pitch", "yaw", "scale"}),
         (spinning, {"z", "yaw", "scale"}),
         (along_x, {"x", "y", "z", "roll"}),
     ],
@@ -168,6 +168,23 @@ def test_noise_is_not_taken_for_what_the_motion_does_not_show(path, hidden):
         assert found.groups[group]["jitter_std"].value == pytest.approx(5e-3, rel=0.05)
     for name in hidden:
         assert abs(found.nuisances.vector[NAMES.index(name)]) < OBSERVED_STD[NAMES.index(name)]
+
+
+@pytest.mark.parametrize("what", ["outliers", "every second pose off"])
+def test_whatever_a_standing_robots_errors_are_no_clock_is_blamed(what):
+    path = noisy(still)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        more = np.zeros((2000, 6))
+        if what == "outliers":
+            more[rng.choice(2000, 40, replace=False)] = rng.normal(0.0, 0.2, (40, 6))
+        else:
+            more[::2, 0] = 0.03
+        parameters = np.log([[2e-3, 1e-5], [2e-3, 1e-5]])
+        stamps, poses = estimate(Kind.DRIFT, parameters, count=2000, seed=seed, path=path)
+        found = fit(stamps, poses @ se3.exp(more), lambda stamps: ask(stamps, path))
+        assert "clock_offset" in {name for each in found.unobserved for name in each.names}
+        assert abs(found.nuisances.clock_offset) < 4.5 * found.std[0]
 
 
 def test_a_jump_is_named_and_does_not_rule_the_fit():

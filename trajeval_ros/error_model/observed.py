@@ -46,7 +46,8 @@ def _directions(information: Array, jitter: Array, data: Data, gauge: Array) -> 
 
     information: (9, 9), in units of `OBSERVED_STD`. Hidden is what the data do not tell to within
     one unit, and what only errors of the ground truth tell: the attitude of a robot that does not
-    turn varies by its noise, and a lever arm would follow that as it follows motion.
+    turn varies by its noise, and a lever arm would follow that as it follows motion; a clock, the
+    speed of one that stands.
     """
     noise = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
     weight = 1.0 / (noise + data.measured * jitter)
@@ -64,6 +65,8 @@ def _directions(information: Array, jitter: Array, data: Data, gauge: Array) -> 
     errors[5:8] = 2.0 * noise[:, 1] @ weight[:, 1]
     errors[8] = 3.0 * noise[:, 0] @ weight[:, 0]
     beyond = squares[6:, 6:] - taken - _BEYOND_ERRORS * np.diag(errors)
+    if (np.diag(beyond)[[2, 3, 4, 8]] <= 0.0).all():  # neither turns nor goes anywhere
+        beyond[:2] = beyond[:, :2] = 0.0
     values, vectors = np.linalg.eigh(beyond * OBSERVED_STD * OBSERVED_STD[:, None])
     moved, hidden = vectors[:, values > 0.0], vectors[:, values <= 0.0]
     values, vectors = np.linalg.eigh(moved.T @ information @ moved)

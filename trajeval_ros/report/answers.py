@@ -271,7 +271,7 @@ def _faults(model: Figures, without: Figures | None) -> str:
         )
         return f"{stamps}.\nElse {nothing}" if stamps else nothing
     rest = f".\nNothing beyond doubt in {', '.join(none)}" if none else ""
-    rest = f".\nBesides {stamps}{rest}" if stamps else rest
+    rest = f".\nBesides, {stamps}{rest}" if stamps else rest
     return f"{', '.join(found)}: {_number(gain, None)} nats a pose{_better(without)}{rest}"
 
 
@@ -282,7 +282,7 @@ def _stamps(model: Figures) -> str:
     moved = model["stamp_errors"]
     scatter = _number(**model["stamp_std"], factor=1e3)
     sizes = f"{_length(_plain(moved['translation']))}, {_angle(_plain(moved['rotation']))}"
-    return f"stamps that scatter by {scatter} ms, {sizes} of its error"
+    return f"its stamps scatter by {scatter} ms: {sizes} of its error"
 
 
 def _on_positions(summary: Figures) -> list[tuple[str, str]]:
