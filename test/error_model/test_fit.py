@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was put into a simulated estimate comes out, with standard deviations that hold."""
 
+import json
 import re
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from twins.runs import motion
 
 from performance.error_model import drawn, erring
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.error_model.fit import ENOUGH, _carried, fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD, Nuisances, Truth
@@ -102,6 +103,23 @@ def test_nothing_is_found_where_nothing_is():
 def test_large_ones_are_found(nuisances):
     found = fit(*estimate(Kind.DRIFT, DRIFT, nuisances), ask)
     assert (np.abs(nuisance_scores(found, nuisances)) < 4.5).all()
+
+
+@pytest.mark.skipif(
+    not loops.there(), reason="NumPy finds no maximum there, so that none is fitted"
+)
+def test_innovations_that_are_exactly_nothing_have_no_correlation():
+    def standing(seconds):
+        return np.tile(np.eye(4), (len(seconds), 1, 1))
+
+    stamps = np.arange(400) * 50_000_000 + 10**9
+    poses = standing(stamps)
+    poses[:, :3, 3] += np.random.default_rng(0).normal(0.0, 0.01, (400, 3))
+    found = fit(stamps, poses, lambda asked: ask(asked, standing))
+    assert found is not None
+    assert (found.whiteness[1] == 0.0).all()
+    assert (found.whiteness[0] != 0.0).all()
+    json.dumps(named(found), allow_nan=False)
 
 
 def test_what_the_motion_does_not_show_is_named():

@@ -65,12 +65,7 @@ def described(
     nuisances = nuisances.moved(step)
     std = np.sqrt(np.diag(covariance))
     stretches = _stretches(stamps, nuisances, columns, white, std, own)
-    whiteness = np.array(
-        [
-            [(part[lag:] * part[:-lag]).sum() / (part**2).sum() for lag in range(1, _LAGS + 1)]
-            for part in (white[:, :3], white[:, 3:])
-        ]
-    )
+    whiteness = np.array([_autocorrelation(part) for part in (white[:, :3], white[:, 3:])])
     theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - COUNT)])
     nats = reached(here)
     return ErrorModel(
@@ -96,6 +91,14 @@ def described(
 def reached(here: Likelihood) -> float:
     """The log-likelihood at the nuisances found, less what outliers cost."""
     return here.at_theta - penalty(here)
+
+
+def _autocorrelation(white: Array) -> list[float]:
+    """Of innovations (n, 3), from lag 1 on; none where the errors are exactly nothing."""
+    power = float((white**2).sum())
+    if power == 0.0:
+        return [0.0] * _LAGS
+    return [float((white[lag:] * white[:-lag]).sum()) / power for lag in range(1, _LAGS + 1)]
 
 
 def _blocks(count: int) -> int:
