@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from trajeval_ros import __version__
 from trajeval_ros.benchmarking.manifest import Manifest, Run, Sequence, Source
-from trajeval_ros.files.provenance import content_of
+from trajeval_ros.files.provenance import bytes_of, content_of
 from trajeval_ros.online.parameters import Value
 
 # Runs that share a ground truth in one task at most, and bytes of their files, some 300,000 poses:
@@ -96,7 +95,7 @@ def _parts(runs: Iterable[Planned], size: int) -> Iterator[list[Planned]]:
     part: list[Planned] = []
     held = 0
     for one in runs:
-        more = _bytes_of(one.run.source.path)
+        more = bytes_of(one.run.source.path)
         if part and (len(part) == size or held + more > _MOST_BYTES):
             yield part
             part, held = [], 0
@@ -104,17 +103,6 @@ def _parts(runs: Iterable[Planned], size: int) -> Iterator[list[Planned]]:
         held += more
     if part:
         yield part
-
-
-def _bytes_of(path: str) -> int:
-    """The size of a file; of a folder, as of a bag, that of its files; none of one that is gone."""
-    files = [path]
-    if os.path.isdir(path):
-        files = [each.path for each in os.scandir(path)]
-    try:
-        return sum(os.path.getsize(each) for each in files)
-    except OSError:
-        return 0
 
 
 def _in_turn(runs: Iterable[Planned]) -> list[Planned]:

@@ -98,6 +98,11 @@ def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
+def digits_of(std: float, most: int) -> int:
+    """The decimals of a figure that is known to ``std``: two digits of that, ``most`` at most."""
+    return min(max(1 - math.floor(math.log10(max(std, 10.0**-most))), 0), most)
+
+
 def told_lever_arm(
     arm: Mapping[str, Any] | None, model: Mapping[str, Any] | None
 ) -> Mapping[str, Any] | None:
@@ -152,7 +157,7 @@ def lever_arm_causes(arm: Mapping[str, Any], applied: Array) -> tuple[Cause, ...
         f" along its axes but {' and '.join(unseen)}, which the turns do not show" if unseen else ""
     )
     numbers = np.concatenate(se3.to_position_quaternion(shift @ applied))
-    digits = min(max(1 - math.floor(math.log10(max(std, 1e-4))), 0), 4)
+    digits = digits_of(std, 4)
     return (
         Cause(
             "lever_arm",
@@ -196,7 +201,7 @@ def clock_causes(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
         but += " so it puts orientations right and not positions"
         if model["clock_offset_by"]["rotation"]["std"] > positions["std"]:
             but = "; orientations alone say otherwise"
-    digits = min(max(1 - math.floor(math.log10(1e3 * std)), 0), 4)
+    digits = digits_of(1e3 * std, 4)
     known = f" (estimate.time_offset is {applied:g})" if applied else ""
     return (
         Cause(
@@ -215,7 +220,7 @@ def _rate(model: Mapping[str, Any]) -> tuple[Cause, ...]:
     gained = 0.5 * (value / std) ** 2
     if gained < GAIN or abs(value) < _LEAST_RATE or std > _SEEN["clock_rate"]:
         return ()
-    digits = min(max(1 - math.floor(math.log10(1e2 * std)), 0), 7)
+    digits = digits_of(1e2 * std, 7)
     side = "fast" if value < 0.0 else "slow"
     return (
         Cause(
@@ -249,7 +254,7 @@ def _scattered_stamps(model: Mapping[str, Any]) -> tuple[Cause, ...]:
     if not scatter or model["stamp_nats"] < GAIN or scatter["value"] < _SHORTEST:
         return ()
     value, std = 1e3 * scatter["value"], 1e3 * scatter["std"]
-    digits = min(max(1 - math.floor(math.log10(std)), 0), 4)
+    digits = digits_of(std, 4)
     return (
         Cause(
             "stamp_jitter",
@@ -276,7 +281,7 @@ def _body_frame(model: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
             if std > seen:
                 continue
             std *= factor
-            digits = min(max(1 - math.floor(math.log10(std)), 0), 4)
+            digits = digits_of(std, 4)
             shown = f"{factor * size:.{digits}f} ± {std:.{digits}f} {unit}"
             found.append(f"a {name} of {shown} ({gained:,.0f} nats)")
     if not found:
@@ -300,7 +305,7 @@ def _scale(model: Mapping[str, Any]) -> tuple[Cause, ...]:
     gained = 0.5 * (logarithm * value / std) ** 2
     if gained < GAIN or abs(logarithm) < _LEAST_SCALE or std > _SEEN["scale"] * value:
         return ()
-    digits = min(max(1 - math.floor(math.log10(std)), 0), 5)
+    digits = digits_of(std, 5)
     shown = f"{value:.{digits}f}"
     return (
         Cause(

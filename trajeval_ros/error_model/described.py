@@ -19,6 +19,7 @@ from trajeval_ros.error_model.observed import shown, unobserved
 from trajeval_ros.error_model.process import GROUPS, Kind
 from trajeval_ros.error_model.search import Guess, by_group
 from trajeval_ros.error_model.stamping import Scatter
+from trajeval_ros.error_model.whiteness import autocorrelation
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -65,7 +66,7 @@ def described(
     nuisances = nuisances.moved(step)
     std = np.sqrt(np.diag(covariance))
     stretches = _stretches(stamps, nuisances, columns, white, std, own)
-    whiteness = np.array([_autocorrelation(part) for part in (white[:, :3], white[:, 3:])])
+    whiteness = np.array([autocorrelation(part, _LAGS) for part in (white[:, :3], white[:, 3:])])
     theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - COUNT)])
     nats = reached(here)
     return ErrorModel(
@@ -91,14 +92,6 @@ def described(
 def reached(here: Likelihood) -> float:
     """The log-likelihood at the nuisances found, less what outliers cost."""
     return here.at_theta - penalty(here)
-
-
-def _autocorrelation(white: Array) -> list[float]:
-    """Of innovations (n, 3), from lag 1 on; none where the errors are exactly nothing."""
-    power = float((white**2).sum())
-    if power == 0.0:
-        return [0.0] * _LAGS
-    return [float((white[lag:] * white[:-lag]).sum()) / power for lag in range(1, _LAGS + 1)]
 
 
 def _blocks(count: int) -> int:

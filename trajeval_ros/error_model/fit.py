@@ -106,15 +106,11 @@ def _fit(problem: _Problem, most_scatter: float) -> ErrorModel | None:
     found = _found(problem, nuisances)
     if found is None:
         return None
-    scatter: Scatter | None = None
     variance = shared_scatter(found.here)
-    if variance is not None:
-        plain = found
-        scattered = _with_scatter(problem, found, variance)
-        if scattered is not None and scattered[1].value <= most_scatter:
-            found, scatter = scattered
-        else:
-            problem.scatter, found = 0.0, plain
+    scattered = None if variance is None else _with_scatter(problem, found, variance)
+    scatter: Scatter | None = None
+    if scattered is not None and scattered[1].value <= most_scatter:
+        found, scatter = scattered
     return described(
         problem.kept(found.nuisances), found.nuisances, found.here, found.alternatives, scatter
     )
@@ -136,7 +132,7 @@ def _with_scatter(
 
     variance: s², of theirs, about.
     """
-    problem.scatter = variance
+    problem.scatter_stamps(variance)
     try:
         found = _found(problem, plain.nuisances)
         if found is None:
@@ -210,13 +206,8 @@ class _Problem:
         self._stays_near = False
         self._scatter = 0.0
 
-    @property
-    def scatter(self) -> float:
-        """Variance of the estimate's stamps, s²."""
-        return self._scatter
-
-    @scatter.setter
-    def scatter(self, variance: float) -> None:
+    def scatter_stamps(self, variance: float) -> None:
+        """From now on the estimate's stamps have a variance, s²."""
         self._scatter, self._ready = variance, None
 
     def stay_near(self) -> None:

@@ -23,6 +23,7 @@ from trajeval_ros import loops
 from trajeval_ros.alignment.gauge import Gauge
 from trajeval_ros.error_model.nuisances import Ask
 from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.whiteness import autocorrelation
 from trajeval_ros.likelihood.gaussian import CovarianceError, GaussianLogLikelihood
 from trajeval_ros.likelihood.information import Information
 from trajeval_ros.likelihood.positions import (
@@ -181,7 +182,7 @@ def fit_positions(
     assert state is not None
     white, _ = data.whitened(kind, logs)
     innovations = (white[:, :-1] @ delta + white[:, -1]).reshape(-1, 3)
-    whiteness = _autocorrelation(innovations)
+    whiteness = autocorrelation(innovations, _LAGS)
     return PositionErrorModel(
         kind,
         _parameters(data, kind, logs),
@@ -308,18 +309,11 @@ def _parameters(data: _Data, kind: Kind, logs: Array) -> dict[str, tuple[float, 
     }
 
 
-def _autocorrelation(innovations: Array) -> Array:
-    """From lag 1 on, over the three axes together."""
-    total = float((innovations**2).sum())
-    lags = range(1, min(_LAGS, len(innovations) - 1) + 1)
-    return np.array([float((innovations[k:] * innovations[:-k]).sum()) / total for k in lags])
-
-
-def _long_run(autocorrelation: Array) -> float:
+def _long_run(whiteness: Array) -> float:
     """By how much a mean of the innovations varies more than one of white ones; 1 at least.
 
     Up to the first lag that is negative: further ones are chance.
     """
-    negative = np.flatnonzero(autocorrelation <= 0.0)
-    until = negative[0] if len(negative) else len(autocorrelation)
-    return 1.0 + 2.0 * float(autocorrelation[:until].sum())
+    negative = np.flatnonzero(whiteness <= 0.0)
+    until = negative[0] if len(negative) else len(whiteness)
+    return 1.0 + 2.0 * float(whiteness[:until].sum())

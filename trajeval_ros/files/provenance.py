@@ -27,7 +27,7 @@ def described(source: str) -> dict[str, Any]:
         files = _files(Path(path))
         if not files:
             return {"name": source}
-        size = sum(file.stat().st_size for file in files)
+        size = _bytes(files)
         found = {"path": path, **of_topic, "bytes": size}
         if size <= _MOST_BYTES:
             found["sha256"] = _digest(Path(path), files)
@@ -35,6 +35,14 @@ def described(source: str) -> dict[str, Any]:
     except OSError:
         # It was read a moment ago, and what it was then cannot be told any more.
         return {"path": path, **of_topic}
+
+
+def bytes_of(path: str) -> int:
+    """Return the size of a file, or of all files in a folder; of none, 0.
+
+    Raises :class:`OSError` for what cannot be read.
+    """
+    return _bytes(_files(Path(path)))
 
 
 def content_of(path: str) -> str:
@@ -50,6 +58,10 @@ def _files(path: Path) -> list[Path]:
     if path.is_dir():
         return sorted(file for file in path.rglob("*") if file.is_file())
     return [path] if path.is_file() else []
+
+
+def _bytes(files: list[Path]) -> int:
+    return sum(file.stat().st_size for file in files)
 
 
 def _digest(path: Path, files: list[Path]) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from trajeval_ros.diagnosis.fitted import (
     beyond_doubt,
+    digits_of,
     disagree,
     is_misread,
     shown_of_lever_arm,
@@ -67,7 +68,7 @@ def _number(
     std *= factor
     if not std > 0.0:
         return f"{value:.3g}"
-    digits = min(max(1 - math.floor(math.log10(std)), 0), 9)
+    digits = digits_of(std, 9)
     # The zero takes the sign of what is rounded to it.
     return f"{round(value, digits) + 0.0:.{digits}f} ± {std:.{digits}f}"
 

@@ -27,6 +27,8 @@ NUMBERS = {
 # Of the error model, what is for ``summary.json`` alone.
 _MATRICES = ("covariance", "pose")
 _ENDS = ("low", "high")
+# Of the error model, what has a figure of translation and one of rotation.
+_BY_GROUP = ("clock_offset_by", "stamp_errors")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -84,11 +86,9 @@ def error_models_of(entries: Mapping[str, float | str]) -> dict[str, dict[str, A
                 vectors = model.setdefault("extrinsic", {}).setdefault(group, {})
                 name = key.removeprefix(f"extrinsic_{group}_")[:-2]  # value_x, value_y, value_z
                 vectors.setdefault(name, []).append(value)
-        if key.startswith("clock_offset_by_"):
-            by = model.setdefault("clock_offset_by", {})
-            _put(by, key.removeprefix("clock_offset_by_"), value)
-        elif key.startswith("stamp_errors_"):
-            model.setdefault("stamp_errors", {})[key.removeprefix("stamp_errors_")] = value
+        within = next((name for name in _BY_GROUP if key.startswith(f"{name}_")), None)
+        if within is not None:
+            _put(model.setdefault(within, {}), key.removeprefix(f"{within}_"), value)
         elif not key.startswith(("translation_", "rotation_", "extrinsic_")):
             _put(model, key, value)
     return models
