@@ -278,7 +278,9 @@ def log_so3(rotation: Array) -> Array:
     deviation: 1e-12 from one of 1e-6. A matrix near no rotation is not detected.
     """
     q = _quaternion(rotation)
-    v, cosine = q[..., :3], q[..., 3]
+    # A copy: where a strided argument's memory reaches into that of the result, NumPy computes the
+    # arctangent by another loop, whose last digit differs.
+    v, cosine = q[..., :3], np.array(q[..., 3])
     # of the half angle; the arctangent keeps its digits at both ends, as the arccosine does not.
     # The bound, below any v whose square is not zero, leaves the limit 2 / cosine at zero.
     sine = np.maximum(np.sqrt(_squared_norm(v)), _TINY)
