@@ -18,7 +18,9 @@ import numpy.typing as npt
 
 from trajeval_ros import loops
 from trajeval_ros.error_model.factored import Factored
-from trajeval_ros.error_model.filtered import Filtered
+from trajeval_ros.error_model.filtered import Filtered, Known
+from trajeval_ros.error_model.filtered import climbed as climbed_in_c
+from trajeval_ros.error_model.maximum import climb
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.series import Series
 
@@ -60,11 +62,16 @@ class Axes:
     Raises numpy.linalg.LinAlgError where there is none.
     """
 
-    def __init__(self, kind: Kind, parameters: Array, series: Series) -> None:
-        """Its value; the rest when it is asked for."""
+    def __init__(
+        self, kind: Kind, parameters: Array, series: Series, known: Known | None = None
+    ) -> None:
+        """Its value; the rest when it is asked for, unless it is known."""
         self.kind, self.parameters, self.series = kind, parameters, series
-        chosen = Filtered if loops.there() else Factored
-        self._chain: _Chain = chosen(kind, parameters, series)
+        self._chain: _Chain
+        if known is not None or loops.there():
+            self._chain = Filtered(kind, parameters, series, known)
+        else:
+            self._chain = Factored(kind, parameters, series)
         self.value = self._chain.value
 
     def at(self, parameters: Array, weights: tuple[Array, Array]) -> Axes:
@@ -118,3 +125,28 @@ class Axes:
     def disturbances(self) -> tuple[Array, Array, Array, Array]:
         """As those of the whole: of the poses, (N,) each, and of the steps, (N - 1,) each."""
         return self._chain.disturbances()
+
+
+def climbed(
+    kind: Kind,
+    parameters: Array,
+    series: Series,
+    low: Array,
+    high: Array,
+    gain: float,
+    steps: int,
+    *,
+    near: bool = False,
+    weighted: bool = True,
+) -> Axes:
+    """The maximum from ψ (p,), as `trajeval_ros.error_model.maximum.climb`.
+
+    Raises numpy.linalg.LinAlgError where there is no likelihood to begin with.
+    """
+    if loops.there():
+        bounds = low, high
+        return Axes(
+            kind, *climbed_in_c(kind, parameters, series, *bounds, gain, steps, near, weighted)
+        )
+    here = Axes(kind, parameters, series)
+    return climb(here, low, high, gain, steps, near=near, weighted=weighted)

@@ -13,9 +13,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.error_model.axes import Axes
+from trajeval_ros.error_model.axes import Axes, climbed
 from trajeval_ros.error_model.likelihood import Likelihood
-from trajeval_ros.error_model.maximum import climb
 from trajeval_ros.error_model.search import bounds, chains
 
 Array = npt.NDArray[np.float64]
@@ -39,7 +38,8 @@ class Profiles:
         low, high = bounds(here.kind, here.data)
         self._low, self._high = low[group], high[group]
         chain = chains(here)[group]
-        self._top = climb(chain, self._low, self._high, _GAIN, _STEPS, weighted=False)
+        begin = chain.kind, chain.parameters, chain.series
+        self._top = climbed(*begin, self._low, self._high, _GAIN, _STEPS, weighted=False)
 
     def interval(self, number: int, deviation: float, ratio: float) -> tuple[float, float]:
         """The 95 % interval of a parameter, from zero where it may be nothing.
@@ -98,5 +98,5 @@ class Profiles:
         parameters[number] = at
         low, high = self._low.copy(), self._high.copy()
         low[number] = high[number] = at
-        there = here.at(parameters, here.weights)
-        return climb(there, low, high, _GAIN, _STEPS, near=True, weighted=False)
+        begin = here.kind, parameters, here.series
+        return climbed(*begin, low, high, _GAIN, _STEPS, near=True, weighted=False)

@@ -61,6 +61,26 @@ _LITTLE = 0.1
 _TRUSTED = 0.1
 _TELLING = 1e-4
 
+RULES: Array = np.array(
+    [
+        _KAPPA,
+        _RARE,
+        _LITTLE_CHANGE,
+        _NEIGHBOURS,
+        _FARTHER,
+        _MUCH,
+        _ALONE,
+        _SETTLED,
+        _FAR,
+        _SURE,
+        _TRUSTED,
+        _TELLING,
+        _LITTLE,
+        _LONGEST,
+    ]
+)
+"""All of these, as `climb.c` takes them."""
+
 
 class Climbable(Protocol):
     """A likelihood at one place."""

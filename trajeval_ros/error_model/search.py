@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import loops
-from trajeval_ros.error_model.axes import Axes
+from trajeval_ros.error_model.axes import Axes, climbed
 from trajeval_ros.error_model.likelihood import Data, Likelihood
-from trajeval_ros.error_model.maximum import climb, penalised
+from trajeval_ros.error_model.maximum import penalised
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.series import Series
 from trajeval_ros.error_model.structure import starts
@@ -240,13 +240,15 @@ class _Search:
         if place is not None:
             measured, moved = place.weights
             series = replace(series, measured=measured, moved=moved)
-            return climb(Axes(self._kind, place.parameters, series), low, high, self._gain, _STEPS)
-        candidates = []
-        for start in self._starts(group, series):
-            here = Axes(self._kind, np.clip(start, low, high), series)
-            candidates.append(climb(here, low, high, self._gain, _FEW))
-        begin = max(candidates, key=penalised)
-        return climb(begin, low, high, self._gain, _STEPS)
+            begin = place.parameters, series
+        else:
+            candidates = [
+                climbed(self._kind, np.clip(start, low, high), series, low, high, self._gain, _FEW)
+                for start in self._starts(group, series)
+            ]
+            best = max(candidates, key=penalised)
+            begin = best.parameters, best.series
+        return climbed(self._kind, *begin, low, high, self._gain, _STEPS)
 
     def _starts(self, group: int, series: Series) -> list[Array]:
         """Parameters (p,) to begin at."""

@@ -11,43 +11,15 @@
  * by a fourth right-hand side beside the three axes, ones. No Q is inverted, and variances but the
  * velocity's are sums of what is not negative: digits stay however small Q or r is beside the other.
  */
-#include "loops.h"
+#include "chain.h"
 
 #include <string.h>
-
-enum { AXES = 3, LANES = 4, MEAN = 3 };
-enum { DRIFT, VELOCITY, WANDER };
-enum { PARAMETERS = 4 };
-
-/* Symmetric matrices (2, 2) are their entries 00, 01 and 11. */
-typedef double Symmetric[3];
-
-/* What the filter knows at a pose; lanes are the axes and, last, the ones. */
-typedef struct {
-    double f, c, a, rest; /* of the step that begins here; rest: 1 - exp(-interval / time) */
-    Symmetric q;
-    double drift;            /* the part of q's 00 that is the walk's */
-    double noise, jitter;    /* r, and the estimate's part of it */
-    double precision;        /* 1 / S of the innovation; 0 of a flat first position */
-    double gain[2];          /* g */
-    Symmetric covariance;    /* C, with this pose */
-    double innovation[LANES];
-    double velocity[LANES]; /* the mean of x's second component, with this pose */
-} Filtered;
-
-/* What all poses say of one. */
-typedef struct {
-    double score[LANES];    /* u = n / r */
-    double state[2][LANES]; /* x */
-    double felt[2][LANES];  /* Q⁻¹ w of the step that begins here */
-    double adjoint[LANES];  /* ε: how F's slope by the time is felt, here and later */
-} Smoothed;
 
 int64_t chain_filtered_size(void) { return sizeof(Filtered) / sizeof(double); }
 int64_t chain_smoothed_size(void) { return sizeof(Smoothed) / sizeof(double); }
 
 /* 2h - 3 + 4a - a² with a = exp(-h); by its series where the formula loses digits. */
-static double integral(double h, double a)
+LOOPS_PART double integral(double h, double a)
 {
     static const double terms[] = {2.0 / 3, -1.0 / 2, 7.0 / 30, -1.0 / 12, 31.0 / 1260, -1.0 / 160,
                                    127.0 / 90720};
@@ -65,9 +37,9 @@ typedef struct {
     double jitter, drift, variance, time;
 } Process;
 
-static Process process(int64_t kind, const double *parameters)
+LOOPS_PART Process process(int kind, const double *parameters)
 {
-    Process p = {(int)kind, exp(2.0 * parameters[0]), 0.0, 0.0, 1.0};
+    Process p = {kind, exp(2.0 * parameters[0]), 0.0, 0.0, 1.0};
     if (kind != WANDER)
         p.drift = exp(2.0 * parameters[1]);
     if (kind != DRIFT) {
@@ -79,7 +51,7 @@ static Process process(int64_t kind, const double *parameters)
 }
 
 /* F and Q of a step; the factor is of the variance of x's first component. */
-static inline void set_step(const Process *p, double interval, double factor, Filtered *at)
+LOOPS_PART void set_step(const Process *p, double interval, double factor, Filtered *at)
 {
     at->f = 1.0;
     at->c = at->a = at->rest = 0.0;
@@ -104,28 +76,34 @@ static inline void set_step(const Process *p, double interval, double factor, Fi
 }
 
 /* Whether a step's Q is positive definite. */
-static inline int is_proper(int kind, const Filtered *at)
+LOOPS_PART int is_proper(int kind, const Filtered *at)
 {
     const double det = kind == VELOCITY ? at->q[0] * at->q[2] - at->q[1] * at->q[1] : 1.0;
     return at->q[0] > 0.0 && det > 0.0;
 }
 
 /* A state's covariance and mean with a pose, over the step that begins there. */
-static inline void predict(const Filtered *at, double *covariance, double *position,
-                           double *velocity)
+LOOPS_PART void predict(int kind, const Filtered *at, double *covariance, double *position,
+                        double *velocity)
 {
     const double f = at->f, c = at->c, a = at->a, *from = at->covariance;
-    covariance[0] = f * f * from[0] + 2.0 * f * c * from[1] + c * c * from[2] + at->q[0];
-    covariance[1] = a * (f * from[1] + c * from[2]) + at->q[1];
+    if (kind != VELOCITY) {
+        covariance[0] = f * f * from[0] + at->q[0];
+        for (int x = 0; x < LANES && kind == WANDER; x++)
+            position[x] *= f;
+        return;
+    }
+    covariance[0] = from[0] + 2.0 * c * from[1] + c * c * from[2] + at->q[0];
+    covariance[1] = a * (from[1] + c * from[2]) + at->q[1];
     covariance[2] = a * a * from[2] + at->q[2];
     for (int x = 0; x < LANES; x++) {
-        position[x] = f * position[x] + c * velocity[x];
+        position[x] += c * velocity[x];
         velocity[x] *= a;
     }
 }
 
 /* Σ ν² / S of errors about a mean (3,). */
-static double squares_about(const double *mean, int64_t count, const Filtered *filtered)
+LOOPS_PART double squares_about(const double *mean, int64_t count, const Filtered *filtered)
 {
     double squares = 0.0;
     for (const Filtered *at = filtered; at < filtered + count; at++)
@@ -136,12 +114,9 @@ static double squares_about(const double *mean, int64_t count, const Filtered *f
     return squares;
 }
 
-/* The filter. parameters (p,), intervals and moved (N - 1,), errors (3, N), variance and measured
- * (N,), filtered (N,). found: log L, the mean's information, the means (3,). Not 0 where there is
- * no likelihood. */
-int chain_filter(int64_t kind, int64_t count, const double *parameters, const double *intervals,
-                 const double *errors, const double *variance, const double *measured,
-                 const double *moved, Filtered *filtered, double *found)
+LOOPS_PART int filter(int kind, int64_t count, const double *parameters, const double *intervals,
+                      const double *errors, const double *variance, const double *measured,
+                      const double *moved, Filtered *filtered, double *found)
 {
     const Process p = process(kind, parameters);
     /* Predicted: the covariance B and the mean of x. */
@@ -166,9 +141,11 @@ int chain_filter(int64_t kind, int64_t count, const double *parameters, const do
             const double innovation = z[x] - position[x];
             at->innovation[x] = innovation;
             position[x] += g0 * innovation;
-            at->velocity[x] = velocity[x] += g1 * innovation;
+            if (p.kind == VELOCITY)
+                velocity[x] += g1 * innovation;
+            at->velocity[x] = velocity[x];
         }
-        for (int x = 0; x < LANES; x++)
+        for (int x = 0; x < LANES && p.kind == WANDER; x++)
             mean[x] += precision * at->innovation[MEAN] * at->innovation[x];
         /* The logarithm of many at once. */
         product *= s;
@@ -184,7 +161,7 @@ int chain_filter(int64_t kind, int64_t count, const double *parameters, const do
         set_step(&p, intervals[i], moved[i], at);
         if (!is_proper(p.kind, at))
             return 1;
-        predict(at, b, position, velocity);
+        predict(p.kind, at, b, position, velocity);
     }
     const double information = mean[MEAN];
     if (p.kind == WANDER) {
@@ -201,6 +178,24 @@ int chain_filter(int64_t kind, int64_t count, const double *parameters, const do
     return !isfinite(found[0]);
 }
 
+/* A function of each process by itself: much of it is nothing for some. */
+#define OF_KIND(function, kind, ...)                                  \
+    ((kind) == DRIFT      ? function(DRIFT, __VA_ARGS__)              \
+     : (kind) == VELOCITY ? function(VELOCITY, __VA_ARGS__)           \
+                          : function(WANDER, __VA_ARGS__))
+
+/* The filter. parameters (p,), intervals and moved (N - 1,), errors (3, N), variance and measured
+ * (N,), filtered (N,). found: log L, the mean's information, the means (3,). Not 0 where there is
+ * no likelihood. */
+LOOPS_WIDE int chain_filter(int64_t kind, int64_t count, const double *parameters,
+                            const double *intervals, const double *errors, const double *variance,
+                            const double *measured, const double *moved, Filtered *filtered,
+                            double *found)
+{
+    return OF_KIND(filter, kind, count, parameters, intervals, errors, variance, measured, moved,
+                   filtered, found);
+}
+
 /* The slopes of a step's Q by each parameter but the jitter's, and of F's last column by the time's
  * logarithm. */
 typedef struct {
@@ -208,8 +203,8 @@ typedef struct {
     double column[2];
 } Slopes;
 
-static inline void set_slopes(const Process *p, double interval, double factor, const Filtered *at,
-                              Slopes *slopes)
+LOOPS_PART void set_slopes(const Process *p, double interval, double factor, const Filtered *at,
+                           Slopes *slopes)
 {
     if (p->kind == DRIFT) {
         slopes->q[1][0] = 2.0 * at->q[0];
@@ -240,7 +235,7 @@ static inline void set_slopes(const Process *p, double interval, double factor, 
     slopes->column[1] = a * h;
 }
 
-static inline double trace(const Symmetric a, const Symmetric b)
+LOOPS_PART double trace(const Symmetric a, const Symmetric b)
 {
     return a[0] * b[0] + 2.0 * a[1] * b[1] + a[2] * b[2];
 }
@@ -248,18 +243,19 @@ static inline double trace(const Symmetric a, const Symmetric b)
 /* What is known of a disturbance below this share of what is known of its pose is none. */
 static const double ROUND_OFF = 1e-10;
 
-/* From the score of a disturbance on three axes and what is known of it: the square of its estimate,
- * and the variance beside its own. */
-static inline void set_disturbance(const double *score, double known, double most, double own,
-                                   double *square, double *rest)
+/* From the score of a disturbance on three axes and what is known of it, of most / part: the square
+ * of its estimate, and the variance beside its own. */
+LOOPS_PART void set_disturbance(const double *score, double known, double most, double part,
+                                double own, double *square, double *rest)
 {
-    const double least = fmax(known, ROUND_OFF * most);
+    const double least = ROUND_OFF * most;
+    const double variance = known * part > least ? 1.0 / known : part / least;
     const double size = score[0] * score[0] + score[1] * score[1] + score[2] * score[2];
-    *square = size / (least * least);
-    *rest = fmax(1.0 / least - own, 0.0);
+    *square = size * variance * variance;
+    *rest = variance > own ? variance - own : 0.0;
 }
 
-static inline int last_of(int kind) { return kind == DRIFT ? 1 : kind == VELOCITY ? 3 : 2; }
+LOOPS_PART int last_of(int kind) { return kind == DRIFT ? 1 : kind == VELOCITY ? 3 : 2; }
 
 /* What is known, from later on, of the step that begins at a pose: Q⁻¹ w and its variance, and ε. */
 typedef struct {
@@ -274,9 +270,15 @@ typedef struct {
     Symmetric known;
 } Back;
 
-static inline void pull_back(const Filtered *at, const Later *later, Back *back)
+LOOPS_PART void pull_back(int kind, const Filtered *at, const Later *later, Back *back)
 {
     const double f = at->f, c = at->c, a = at->a, *k = later->known;
+    if (kind != VELOCITY) {
+        for (int x = 0; x < LANES; x++)
+            back->felt[0][x] = f * later->felt[0][x];
+        back->known[0] = f * f * k[0];
+        return;
+    }
     for (int x = 0; x < LANES; x++) {
         back->felt[0][x] = f * later->felt[0][x];
         back->felt[1][x] = c * later->felt[0][x] + a * later->felt[1][x];
@@ -287,30 +289,36 @@ static inline void pull_back(const Filtered *at, const Later *later, Back *back)
 }
 
 /* n / r and x of a pose, with its errors (LANES,) about the mean. */
-static inline void set_pose(const Filtered *at, const double *errors, const double *mean,
-                            const Back *back, Smoothed *to)
+LOOPS_PART void set_pose(int kind, const Filtered *at, const double *errors, const double *mean,
+                         const Back *back, Smoothed *to)
 {
     const double *b0 = back->felt[0], *b1 = back->felt[1], *c = at->covariance;
     for (int x = 0; x < LANES; x++) {
-        const double innovation = at->innovation[x] - mean[x] * at->innovation[MEAN];
-        to->score[x] = at->precision * innovation - at->gain[0] * b0[x] - at->gain[1] * b1[x];
+        double innovation = at->innovation[x];
+        if (kind == WANDER)
+            innovation -= mean[x] * at->innovation[MEAN];
+        to->score[x] = at->precision * innovation - at->gain[0] * b0[x];
+        if (kind == VELOCITY)
+            to->score[x] -= at->gain[1] * b1[x];
         to->state[0][x] = errors[x] - at->noise * to->score[x];
-        to->state[1][x] = at->velocity[x] + c[1] * b0[x] + c[2] * b1[x];
+        to->state[1][x] = kind == VELOCITY ? at->velocity[x] + c[1] * b0[x] + c[2] * b1[x] : 0.0;
     }
 }
 
 /* The variance of a pose's score. */
-static inline double known_of_pose(const Filtered *at, const Back *back)
+LOOPS_PART double known_of_pose(int kind, const Filtered *at, const Back *back)
 {
     const double g0 = at->gain[0], g1 = at->gain[1], *k = back->known;
+    if (kind != VELOCITY)
+        return at->precision + g0 * g0 * k[0];
     return at->precision + g0 * g0 * k[0] + 2.0 * g0 * g1 * k[1] + g1 * g1 * k[2];
 }
 
 /* Adds a step's part of the gradient: half of ∂Q by Σ felt felt' - 3 known and, of the column of ∂F,
  * Σ x felt' - 3 cov(x, felt), x the state's last component. spread: the variance of the mean. */
-static inline void add_slopes(const Process *p, const Slopes *slopes, const Filtered *at,
-                              const Smoothed *to, const Later *later, double spread,
-                              double *gradient)
+LOOPS_PART void add_slopes(const Process *p, const Slopes *slopes, const Filtered *at,
+                           const Smoothed *to, const Later *later, double spread,
+                           double *gradient)
 {
     const int last = last_of(p->kind), own = p->kind == VELOCITY;
     const double *f0 = later->felt[0], *f1 = later->felt[1], *x = to->state[own];
@@ -324,20 +332,24 @@ static inline void add_slopes(const Process *p, const Slopes *slopes, const Filt
     double crossed1 = -AXES * (row0 * k[1] + row1 * k[2]);
     for (int axis = 0; axis < AXES; axis++) {
         felt[0] += f0[axis] * f0[axis];
-        felt[1] += f0[axis] * f1[axis];
-        felt[2] += f1[axis] * f1[axis];
         crossed0 += x[axis] * f0[axis];
-        crossed1 += x[axis] * f1[axis];
+        if (own) {
+            felt[1] += f0[axis] * f1[axis];
+            felt[2] += f1[axis] * f1[axis];
+            crossed1 += x[axis] * f1[axis];
+        }
     }
     for (int j = 1; j <= last; j++)
-        gradient[j] += 0.5 * trace(slopes->q[j], felt);
+        gradient[j] += 0.5 * (own ? trace(slopes->q[j], felt) : slopes->q[j][0] * felt[0]);
     if (p->kind != DRIFT)
-        gradient[last] += slopes->column[0] * crossed0 + slopes->column[1] * crossed1;
+        gradient[last] += slopes->column[0] * crossed0;
+    if (own)
+        gradient[last] += slopes->column[1] * crossed1;
 }
 
 /* That of the first state's own variance. */
-static inline void add_slope_of_first(const Process *p, const Filtered *at, const Smoothed *to,
-                                      const Back *back, double spread, double *gradient)
+LOOPS_PART void add_slope_of_first(const Process *p, const Filtered *at, const Smoothed *to,
+                                   const Back *back, double spread, double *gradient)
 {
     const int own = p->kind == VELOCITY;
     const double c0 = at->covariance[own], c1 = own ? at->covariance[2] : 0.0, *k = back->known;
@@ -350,26 +362,27 @@ static inline void add_slope_of_first(const Process *p, const Filtered *at, cons
 }
 
 /* From the step that begins at a pose to the one that ends there. */
-static inline void go_back(const Filtered *at, const Smoothed *to, const Back *back, Later *later)
+LOOPS_PART void go_back(int kind, const Filtered *at, const Smoothed *to, const Back *back,
+                        Later *later)
 {
     const double left = at->noise * at->precision; /* 1 - g0 */
     const double g1 = at->gain[1], *k = back->known;
-    later->known[0] =
-        at->precision + left * left * k[0] - 2.0 * left * g1 * k[1] + g1 * g1 * k[2];
+    later->known[0] = at->precision + left * left * k[0];
+    for (int x = 0; x < LANES; x++)
+        later->felt[0][x] = to->score[x] + back->felt[0][x];
+    if (kind != VELOCITY)
+        return;
+    later->known[0] += g1 * g1 * k[2] - 2.0 * left * g1 * k[1];
     later->known[1] = left * k[1] - g1 * k[2];
     later->known[2] = k[2];
-    for (int x = 0; x < LANES; x++) {
-        later->felt[0][x] = to->score[x] + back->felt[0][x];
+    for (int x = 0; x < LANES; x++)
         later->felt[1][x] = back->felt[1][x];
-    }
 }
 
-/* The smoother. found: as the filter has left it. smoothed (N,); disturbances: of poses (2, N), of
- * steps (2, N - 1), each squares and rests; gradient (p,). */
-int chain_smooth(int64_t kind, int64_t count, const double *parameters, const double *intervals,
-                 const double *errors, const double *moved, const Filtered *filtered,
-                 const double *found, Smoothed *smoothed, double *poses, double *steps,
-                 double *gradient)
+LOOPS_PART int smooth(int kind, int64_t count, const double *parameters, const double *intervals,
+                      const double *errors, const double *moved, const Filtered *filtered,
+                      const double *found, Smoothed *smoothed, double *poses, double *steps,
+                      double *gradient)
 {
     const Process p = process(kind, parameters);
     const int own = p.kind == VELOCITY;
@@ -384,103 +397,135 @@ int chain_smooth(int64_t kind, int64_t count, const double *parameters, const do
                                  errors[2 * count + i] - mean[2], 1.0};
         Back back = {{{0.0}}, {0.0}};
         if (i + 1 < count)
-            pull_back(at, &later, &back);
-        set_pose(at, z, mean, &back, to);
+            pull_back(p.kind, at, &later, &back);
+        set_pose(p.kind, at, z, mean, &back, to);
         const double *u = to->score;
-        const double known = known_of_pose(at, &back) - spread * u[MEAN] * u[MEAN];
+        const double known = known_of_pose(p.kind, at, &back) - spread * u[MEAN] * u[MEAN];
         const double size = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
-        set_disturbance(u, known, 1.0 / at->noise, at->jitter, poses + i, poses + count + i);
+        set_disturbance(u, known, 1.0, at->noise, at->jitter, poses + i, poses + count + i);
         slope[0] += at->jitter * (size - AXES * known);
         memcpy(to->felt, later.felt, sizeof to->felt);
         if (i + 1 < count) {
             const double *f0 = later.felt[0], *f1 = later.felt[1];
             const double det = at->q[0] * at->q[2] - at->q[1] * at->q[1];
             set_disturbance(f0, later.known[0] - spread * f0[MEAN] * f0[MEAN],
-                            own ? at->q[2] / det : 1.0 / at->q[0], at->q[0], steps + i,
+                            own ? at->q[2] : 1.0, own ? det : at->q[0], at->q[0], steps + i,
                             steps + count - 1 + i);
             Slopes slopes;
             set_slopes(&p, intervals[i], moved[i], at, &slopes);
             add_slopes(&p, &slopes, at, to, &later, spread, slope);
-            for (int x = 0; x < AXES && p.kind != DRIFT; x++)
+            for (int x = 0; x < LANES && p.kind != DRIFT; x++)
                 later.adjoint[x] = slopes.column[0] * f0[x] + slopes.column[1] * f1[x] +
                                    (own ? at->a : at->f) * later.adjoint[x];
         }
         memcpy(to->adjoint, later.adjoint, sizeof to->adjoint);
         if (i == 0 && p.kind != DRIFT)
             add_slope_of_first(&p, at, to, &back, spread, slope);
-        go_back(at, to, &back, &later);
+        go_back(p.kind, at, to, &back, &later);
     }
     memcpy(gradient, slope, (last_of(p.kind) + 1) * sizeof *gradient);
     return 0;
 }
 
-/* The average information (p, p): ½ q_j P q_l with q_j = ∂V/∂ψ_j P z, filtered as z is. */
-int chain_information(int64_t kind, int64_t count, const double *parameters,
-                      const double *intervals, const double *moved, const Filtered *filtered,
-                      const double *found, const Smoothed *smoothed, double *information)
+/* The smoother. found: as the filter has left it. smoothed (N,); disturbances: of poses (2, N), of
+ * steps (2, N - 1), each squares and rests; gradient (p,). */
+LOOPS_WIDE int chain_smooth(int64_t kind, int64_t count, const double *parameters,
+                            const double *intervals, const double *errors, const double *moved,
+                            const Filtered *filtered, const double *found, Smoothed *smoothed,
+                            double *poses, double *steps, double *gradient)
+{
+    return OF_KIND(smooth, kind, count, parameters, intervals, errors, moved, filtered, found,
+                   smoothed, poses, steps, gradient);
+}
+
+LOOPS_PART int information(int kind, int64_t count, const double *parameters,
+                           const double *intervals, const double *moved, const Filtered *filtered,
+                           const double *found, const Smoothed *smoothed, double *told)
 {
     const Process p = process(kind, parameters);
     const int last = last_of(p.kind), size = last + 1, own = p.kind == VELOCITY;
-    /* What q_j's states are beyond what the filter says. */
+    /* What q_j's states are beyond what the filter says; the lane of the ones counts nowhere. */
     double state[PARAMETERS][2][LANES] = {{{0.0}}};
-    double ahead[PARAMETERS][LANES] = {{0.0}}, sums[PARAMETERS][PARAMETERS] = {{0.0}};
+    double ahead[PARAMETERS][LANES] = {{0.0}}, sums[PARAMETERS][PARAMETERS][LANES] = {{{0.0}}};
     if (p.kind != DRIFT)
-        for (int x = 0; x < AXES; x++) {
+        for (int x = 0; x < LANES; x++) {
             state[last - 1][own][x] = 2.0 * smoothed->state[own][x];
             state[last][own][x] = p.variance * smoothed->adjoint[x];
         }
     for (int64_t i = 0; i < count; i++) {
         const Filtered *at = filtered + i;
         const Smoothed *here = smoothed + i;
-        double innovation[PARAMETERS][LANES];
+        double innovation[PARAMETERS][LANES], weighted[PARAMETERS][LANES];
+        memcpy(innovation[0], state[0][0], sizeof innovation[0]);
+        for (int x = 0; x < LANES; x++)
+            innovation[0][x] += 2.0 * at->jitter * here->score[x];
+        for (int j = 1; j < size; j++)
+            memcpy(innovation[j], state[j][0], sizeof innovation[j]);
         for (int j = 0; j < size; j++)
             for (int x = 0; x < LANES; x++)
-                innovation[j][x] = state[j][0][x];
-        for (int x = 0; x < AXES; x++)
-            innovation[0][x] += 2.0 * at->jitter * here->score[x];
-        for (int j = 0; j < size; j++) {
+                weighted[j][x] = at->precision * innovation[j][x];
+        for (int j = 0; j < size; j++)
             for (int l = 0; l <= j; l++)
-                for (int x = 0; x < AXES; x++)
-                    sums[j][l] += at->precision * innovation[j][x] * innovation[l][x];
-            const double one = at->precision * at->innovation[MEAN];
+                for (int x = 0; x < LANES; x++)
+                    sums[j][l][x] += weighted[j][x] * innovation[l][x];
+        for (int j = 0; j < size; j++)
             for (int x = 0; x < LANES; x++) {
-                ahead[j][x] += one * innovation[j][x];
+                if (p.kind == WANDER)
+                    ahead[j][x] += at->innovation[MEAN] * weighted[j][x];
                 state[j][0][x] -= at->gain[0] * innovation[j][x];
-                state[j][1][x] -= at->gain[1] * innovation[j][x];
+                if (own)
+                    state[j][1][x] -= at->gain[1] * innovation[j][x];
             }
-        }
         if (i + 1 == count)
             break;
         Slopes slopes;
         set_slopes(&p, intervals[i], moved[i], at, &slopes);
         for (int j = 0; j < size; j++)
             for (int x = 0; x < LANES; x++) {
-                state[j][0][x] = at->f * state[j][0][x] + at->c * state[j][1][x];
-                state[j][1][x] *= at->a;
+                if (own) {
+                    state[j][0][x] += at->c * state[j][1][x];
+                    state[j][1][x] *= at->a;
+                } else if (p.kind == WANDER) {
+                    state[j][0][x] *= at->f;
+                }
             }
         for (int j = 1; j < size; j++)
-            for (int x = 0; x < AXES; x++) {
+            for (int x = 0; x < LANES; x++) {
                 const double *q = slopes.q[j];
-                state[j][0][x] += q[0] * here->felt[0][x] + q[1] * here->felt[1][x];
-                state[j][1][x] += q[1] * here->felt[0][x] + q[2] * here->felt[1][x];
+                state[j][0][x] += q[0] * here->felt[0][x];
+                if (own) {
+                    state[j][0][x] += q[1] * here->felt[1][x];
+                    state[j][1][x] += q[1] * here->felt[0][x] + q[2] * here->felt[1][x];
+                }
             }
-        if (p.kind == DRIFT)
-            continue;
-        for (int x = 0; x < AXES; x++) {
+        for (int x = 0; x < LANES && p.kind != DRIFT; x++) {
             const double later = here[1].adjoint[x];
             state[last][0][x] += slopes.column[0] * here->state[own][x] + at->q[own] * later;
-            state[last][1][x] +=
-                slopes.column[1] * here->state[own][x] + at->q[2 * own] * later * own;
+            if (own)
+                state[last][1][x] += slopes.column[1] * here->state[1][x] + at->q[2] * later;
         }
     }
     for (int j = 0; j < size; j++)
         for (int l = 0; l <= j; l++) {
-            double sum = sums[j][l];
-            for (int x = 0; x < AXES && p.kind == WANDER; x++)
-                sum -= ahead[j][x] * ahead[l][x] / found[1];
-            information[j * size + l] = information[l * size + j] = 0.5 * sum;
+            double sum = 0.0;
+            for (int x = 0; x < AXES; x++) {
+                sum += sums[j][l][x];
+                if (p.kind == WANDER)
+                    sum -= ahead[j][x] * ahead[l][x] / found[1];
+            }
+            told[j * size + l] = told[l * size + j] = 0.5 * sum;
         }
     return 0;
+}
+
+/* The average information (p, p): ½ q_j P q_l with q_j = ∂V/∂ψ_j P z, filtered as z is. */
+LOOPS_WIDE int chain_information(int64_t kind, int64_t count, const double *parameters,
+                                 const double *intervals, const double *moved,
+                                 const Filtered *filtered, const double *found,
+                                 const Smoothed *smoothed, double *told)
+{
+    return OF_KIND(information, kind, count, parameters, intervals, moved, filtered, found,
+                   smoothed, told);
 }
 
 /* Other errors, values (N, lanes): their innovations by their standard deviations, whitened (N,

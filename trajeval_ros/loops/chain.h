@@ -1,0 +1,52 @@
+/* Copyright 2026 The trajeval_ros authors
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * The chain of one axis (chain.c), for its climb (climb.c).
+ */
+#ifndef TRAJEVAL_ROS_CHAIN_H
+#define TRAJEVAL_ROS_CHAIN_H
+
+#include "loops.h"
+
+enum { AXES = 3, LANES = 4, MEAN = 3 };
+enum { DRIFT, VELOCITY, WANDER };
+enum { PARAMETERS = 4 };
+
+/* Symmetric matrices (2, 2) are their entries 00, 01 and 11. */
+typedef double Symmetric[3];
+
+/* What the filter knows at a pose; lanes are the axes and, last, the ones. */
+typedef struct {
+    double f, c, a, rest; /* of the step that begins here; rest: 1 - exp(-interval / time) */
+    Symmetric q;
+    double drift;            /* the part of q's 00 that is the walk's */
+    double noise, jitter;    /* r, and the estimate's part of it */
+    double precision;        /* 1 / S of the innovation; 0 of a flat first position */
+    double gain[2];          /* g */
+    Symmetric covariance;    /* C, with this pose */
+    double innovation[LANES];
+    double velocity[LANES]; /* the mean of x's second component, with this pose */
+} Filtered;
+
+/* What all poses say of one. */
+typedef struct {
+    double score[LANES];    /* u = n / r */
+    double state[2][LANES]; /* x */
+    double felt[2][LANES];  /* Q⁻¹ w of the step that begins here */
+    double adjoint[LANES];  /* ε: how F's slope by the time is felt, here and later */
+} Smoothed;
+
+int chain_filter(int64_t kind, int64_t count, const double *parameters, const double *intervals,
+                 const double *errors, const double *variance, const double *measured,
+                 const double *moved, Filtered *filtered, double *found);
+
+int chain_smooth(int64_t kind, int64_t count, const double *parameters, const double *intervals,
+                 const double *errors, const double *moved, const Filtered *filtered,
+                 const double *found, Smoothed *smoothed, double *poses, double *steps,
+                 double *gradient);
+
+int chain_information(int64_t kind, int64_t count, const double *parameters,
+                      const double *intervals, const double *moved, const Filtered *filtered,
+                      const double *found, const Smoothed *smoothed, double *told);
+
+#endif
