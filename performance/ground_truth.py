@@ -280,7 +280,7 @@ def query_targets(
         ground_truth.append(samples)
         return ground_truth
 
-    with mock.patch.object(regression, "_FLAT", _FLAT), silence():
+    with mock.patch.object(regression, "FLAT", _FLAT), silence():
         waiting = [fresh() for _ in range(2 * rounds + 2)]
         conditioned = fresh()
         fitted = fit_peer(found, hyperparameters)

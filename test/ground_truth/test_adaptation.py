@@ -8,17 +8,31 @@ from hypothesis import strategies as st
 
 from trajeval_ros import loops
 from trajeval_ros.ground_truth.adaptation import Prediction, Values, Watch, best_regime
+from trajeval_ros.ground_truth.hyperparameters import LEAST_NOISE
 from trajeval_ros.ground_truth.models import MODELS, Grid
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
 
+LEAST = np.zeros(2)
 
-def looked(squares, telling, cuts):
+
+def news_of(squares, telling, parallel=1):
+    """Rows whose squares, of so many lanes a group, sum up to these, with others between."""
+    shares = np.array([0.5, 0.25, 0.25] if parallel == 3 else [1.0])
+    lanes = np.concatenate([shares[:, None] * group for group in squares])
+    spreads = np.where(telling, 1.0, -1.0).repeat(parallel, axis=0)
+    rows = np.full((*lanes.shape, 5), np.nan)
+    rows[..., 2], rows[..., 3] = lanes, spreads
+    return rows[..., 2:4]
+
+
+def looked(squares, telling, cuts, parallel=1):
     """What a watch says of each batch; what it says is looked into at once."""
     watch, said = Watch(), []
+    news = news_of(squares, telling, parallel)
     for end in [*cuts, squares.shape[1]]:
         while watch.looked <= end:
             begin = watch.looked - 1
-            found = watch.look(squares[:, begin:end], telling[:, begin:end])
+            found = watch.look(news[:, begin:end], LEAST)
             said += found
             if not found:
                 break
@@ -34,40 +48,42 @@ def looked(squares, telling, cuts):
     after=st.floats(0.001, 100.0),
     share=st.floats(0.0, 1.0),
     cuts=st.sets(st.integers(0, 120), max_size=3),
+    parallel=st.sampled_from([1, 3]),
     seed=st.integers(0, 999),
 )
-def test_the_loop_raises_where_numpy_does(count, before, after, share, cuts, seed):
+def test_the_loop_raises_where_numpy_does(count, before, after, share, cuts, parallel, seed):
     rng = np.random.default_rng(seed)
     scale = np.where(np.arange(count) < count // 2, before, after)
     squares = np.stack([scale, np.flip(scale)]) * rng.chisquare(3, (2, count))
     telling = rng.uniform(size=(2, count)) < share
     cuts = sorted(cut for cut in cuts if cut <= count)
-    found = looked(squares, telling, cuts)
+    found = looked(squares, telling, cuts, parallel)
     with loops.left_out():
-        assert looked(squares, telling, cuts) == found
+        assert looked(squares, telling, cuts, parallel) == found
     if not found[0]:
-        assert looked(squares, telling, []) == found
+        assert looked(squares, telling, [], parallel) == found
 
 
 def test_a_change_is_raised_at_the_row_that_shows_it_with_the_one_it_began_at():
     quiet, none = np.full(200, 1e-3), np.zeros((2, 200), dtype=bool)
     loud = np.where(np.arange(200) < 20, 0.0, 200.0)
-    assert Watch().look(np.stack([quiet, loud]), none) == [(21, 21, 1)]
-    assert [group for *_, group in Watch().look(np.stack([loud, quiet]), ~none)] == [0, 1]
+    assert Watch().look(news_of(np.stack([quiet, loud]), none), LEAST) == [(21, 21, 1)]
+    found = Watch().look(news_of(np.stack([loud, quiet]), ~none), LEAST)
+    assert [group for *_, group in found] == [0, 1]
     # What does not tell is no sign of a process that promises too little.
-    assert Watch().look(np.stack([quiet, quiet]), none) == []
+    assert Watch().look(news_of(np.stack([quiet, quiet]), none), LEAST) == []
 
 
 def test_it_looks_on_from_where_it_was_and_is_more_patient_after_it_has_raised():
     loud = np.full((2, 3), 20.0)
     watch, telling = Watch(), np.ones((2, 3), dtype=bool)
     loud[1] = 3.0
-    ((row, since, group),) = watch.look(loud, telling)
+    ((row, since, group),) = watch.look(news_of(loud, telling), LEAST)
     assert (row, since, group) == (3, 1, 0)
     watch.restart(0, row + 1)
     assert watch.looked == 4
-    assert watch.look(loud, telling) == []
-    assert watch.look(loud, telling) == [(9, 4, 0)]
+    assert watch.look(news_of(loud, telling), LEAST) == []
+    assert watch.look(news_of(loud, telling), LEAST) == [(9, 4, 0)]
 
 
 def learned_and_values(kernel, parallel, count, seed):
@@ -88,23 +104,41 @@ def learned_and_values(kernel, parallel, count, seed):
     kernel=st.sampled_from(["matern52", "matern32"]),
     parallel=st.sampled_from([1, 3]),
     count=st.integers(2, 60),
-    first=st.integers(1, 59),
-    regimes=st.lists(
-        st.builds(Regime, st.integers(-6, 1), st.integers(0, 4)), min_size=1, max_size=8
-    ),
+    since=st.integers(1, 59),
+    start=st.builds(Regime, st.integers(-6, 3), st.integers(-1, 3)),
+    size=st.floats(-2.0, 2.0),
+    ratio=st.none() | st.floats(1e-3, 1e3),
     seed=st.integers(0, 999),
 )
-def test_the_loop_predicts_as_the_regressions_do(kernel, parallel, count, first, regimes, seed):
+def test_the_loop_finds_the_regime_that_numpy_finds(
+    kernel, parallel, count, since, start, size, ratio, seed
+):
     learned, values = learned_and_values(kernel, parallel, count, seed)
-    first = min(first, count - 1)
-    found = Prediction(learned, values, first)(regimes)
+    values = Values(values.times, 10.0**size * values.values, values.variances)
+    since = min(since, count - 1)
+    looped = best_regime(learned, start, values, since, ratio)
     with loops.left_out():
-        expected = Prediction(learned, values, first)(regimes)
-    # With less noise beside more motion NumPy's factor loses digits.
-    for looped, known in zip(found, expected, strict=True):
-        np.testing.assert_allclose(looped, known, rtol=1e-8, atol=1e-7)
-    alone = [Prediction(learned, values, first)([regime]) for regime in regimes]
-    assert np.ravel(found[0]).tolist() == [float(squares[0]) for squares, _ in alone]
+        expected = best_regime(learned, start, values, since, ratio)
+        if looped != expected:  # as probable: with less noise NumPy's factor loses digits
+            both = looped, expected
+            squares, log_dets = Prediction(learned, values, since)(both)
+            scores = -0.5 * (squares + values.values.shape[2] * log_dets)
+            scores += [regime.log_prior for regime in both]
+            np.testing.assert_allclose(scores[0], scores[1], rtol=1e-8, atol=1e-6)
+
+
+@pytest.mark.parametrize("kernel", ["matern52", "matern32"])
+@pytest.mark.parametrize("regime", [USUAL, Regime(-3, 2), Regime(5, -1), Regime(-40, 40)])
+def test_the_parts_of_what_was_learned_are_its_numbers_in_every_regime(kernel, regime):
+    learned, _ = learned_and_values(kernel, 1, 4, 3)
+    *pairs, noise = learned.numbers(regime)
+    rates, parts = learned.parts()
+    *variances, white = parts @ [4.0**regime.motion, 4.0**regime.noise]
+    np.testing.assert_allclose(np.sqrt(variances), pairs[::2], rtol=1e-12)
+    kernels = learned.model.kernels
+    np.testing.assert_allclose([k.rate for k in kernels] / rates, pairs[1::2], rtol=1e-12)
+    least = (LEAST_NOISE * max(pairs[::2])) ** 2
+    np.testing.assert_allclose(max(white + learned.accuracy**2, least), noise**2, rtol=1e-12)
 
 
 @pytest.mark.parametrize("change", [0.01, 100.0])

@@ -81,7 +81,8 @@ def test_it_is_the_factor_in_blocks(
     agree(loop.white[:, :count], blocks.white[:, :count])
     agree(loop.sums[:, :count], blocks.sums[:, :count])
     if count > 1:
-        for one, other in zip(loop.innovations(1), blocks.innovations(1), strict=True):
+        news = (np.moveaxis(each.innovations(1), -1, 0) for each in (loop, blocks))
+        for one, other in zip(*news, strict=True):
             agree(one, other, np.abs(blocks.sums[:, :count, -1]).max())
     # Around the samples, at them, and far away.
     times = np.concatenate(

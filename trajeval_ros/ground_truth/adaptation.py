@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,11 +28,12 @@ import numpy.typing as npt
 
 from trajeval_ros import loops
 from trajeval_ros.ground_truth.factors import Observed
-from trajeval_ros.ground_truth.kernels import Matern
+from trajeval_ros.ground_truth.hyperparameters import LEAST_NOISE
+from trajeval_ros.ground_truth.kernels import Kernel, Matern
 from trajeval_ros.ground_truth.likelihood import record_room
 from trajeval_ros.ground_truth.process import AS_LEARNED, Process, Regimes
-from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
-from trajeval_ros.ground_truth.regression import Regression, least_information, scale
+from trajeval_ros.ground_truth.regimes import MOST, PRIOR_STDS, USUAL, Learned, Regime
+from trajeval_ros.ground_truth.regression import FLAT, Regression, scale
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
@@ -55,8 +57,9 @@ _MOST_SAMPLES = 64
 _CONTEXT = 24
 # Of fewer than this, no regime is taken whose noise is more than twice as large.
 _FEW = 24
-# A search ends after so many rounds, and looks at no more regimes together.
-_ROUNDS, _TOGETHER = 6, 8
+_PRIOR_STDS = np.array(PRIOR_STDS)
+# A search ends after so many rounds.
+_ROUNDS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,16 +103,9 @@ class Prediction:
     def __init__(self, learned: Learned, values: Values, first: int) -> None:
         """Ask for regimes of what was ``learned``."""
         self._learned, self._values, self._first = learned, values, first
-        matern = [kernel for kernel in learned.model.kernels if isinstance(kernel, Matern)]
-        self._loop: _Loop | None = None
-        if loops.there() and len(matern) == len(learned.model.kernels):
-            self._loop = _Loop(matern, values, first)
 
     def __call__(self, regimes: Sequence[Regime]) -> tuple[Array, Array]:
         """Return both of each of the regimes; (r,)."""
-        if self._loop is not None:
-            numbers = np.array([self._learned.numbers(regime) for regime in regimes])
-            return self._loop(numbers)
         values, count = self._values, len(regimes)
         groups = tuple(self._learned.under(r) for r in regimes for _ in range(values.parallel))
         noise = np.array([group.noise_std**2 for group in groups])
@@ -121,54 +117,8 @@ class Prediction:
                 np.tile(values.variances, (1, count)) + noise,
             )
         )
-        squares, log_dets = regression.innovations(self._first)
-        return squares.reshape(count, -1).sum(axis=1), log_dets.reshape(count, -1).sum(axis=1)
-
-
-class _Loop:
-    """The same in C: each group under each regime is a record."""
-
-    def __init__(self, kernels: Sequence[Matern], values: Values, first: int) -> None:
-        """Put the groups one after the other."""
-        count, self._parallel, coordinates = values.values.shape
-        # Of as many records as are asked for together: what is too much is not looked at.
-        most = _TOGETHER * self._parallel
-        self._records = count * np.arange(most) % (count * self._parallel), np.full(most, count)
-        self._sets = np.arange(_TOGETHER).repeat(self._parallel)
-        self._first = first
-        self._samples = (
-            np.tile(values.times, self._parallel),
-            loops.doubles(values.values.swapaxes(0, 1)),
-            loops.doubles(values.variances.T),
-            coordinates,
-        )
-        self._rates = np.array([kernel.rate for kernel in kernels])
-        orders = tuple(len(kernel.coefficients) for kernel in kernels)
-        self._orders = np.array(orders), len(orders)
-        self._room = record_room(orders, coordinates, count, slopes=False)
-
-    def __call__(self, numbers: Array) -> tuple[Array, Array]:
-        """``numbers`` (r, 2m + 1) as `Learned.numbers`."""
-        regimes, parallel = len(numbers), self._parallel
-        records, variances = regimes * parallel, numbers[:, :-1:2] ** 2
-        found = np.empty((records, 2))
-        loops.call(
-            "record_news",
-            *self._records,
-            records,
-            *self._samples,
-            *self._orders,
-            self._sets,
-            self._rates / numbers[:, 1:-1:2],
-            variances,
-            numbers[:, -1] ** 2,
-            least_information(variances.sum(axis=1)),
-            self._first,
-            np.empty(self._room),
-            found,
-        )
-        sums = found.reshape(regimes, parallel, 2).sum(axis=1)
-        return sums[:, 0], sums[:, 1]
+        news = regression.innovations(self._first).reshape(count, -1, 2).sum(axis=1)
+        return news[:, 0], news[:, 1]
 
 
 def best_regime(
@@ -179,13 +129,15 @@ def best_regime(
     ``values`` of one group; the samples from row ``since`` >= 1 on are to be predicted, which under
     ``start`` have a standardised mean square of ``ratio``, which is found if it is not known.
     """
+    # Larger noise smooths motion away, and a few samples do not tell the two apart.
+    few = len(values.times) - since < _FEW
+    noisiest = max(start.noise, 0) + (1 if few else _MOST_SAMPLES)
+    if loops.there() and all(isinstance(each, Matern) for each in learned.model.kernels):
+        return _best_regime(learned, start, values, since, ratio, noisiest)
     predicted, coordinates = Prediction(learned, values, since), values.values.shape[2]
     if ratio is None:
         squares, _ = predicted([start])
         ratio = float(squares[0]) / values.values[since:].size
-    # Larger noise smooths motion away, and a few samples do not tell the two apart.
-    few = len(values.times) - since < _FEW
-    noisiest = max(start.noise, 0) + (1 if few else _MOST_SAMPLES)
     known: dict[Regime, float] = {}
 
     def look_at(regimes: Iterable[Regime]) -> None:
@@ -209,93 +161,136 @@ def best_regime(
     return best if known[best] > known[start] + _LEAST_GAIN else start
 
 
+def _best_regime(
+    learned: Learned,
+    start: Regime,
+    values: Values,
+    since: int,
+    ratio: float | None,
+    noisiest: int,
+) -> Regime:
+    """The same in C."""
+    count, parallel, coordinates = values.values.shape
+    orders, places = _orders(learned.model.kernels)
+    rates, parts = learned.parts()
+    found, score = np.empty(2, dtype=np.int64), np.empty(1)
+    loops.call(
+        "regime_best",
+        values.times if parallel == 1 else np.tile(values.times, parallel),
+        loops.doubles(values.values.swapaxes(0, 1)),
+        loops.doubles(values.variances.T),
+        parallel,
+        count,
+        coordinates,
+        places,
+        len(orders),
+        rates,
+        parts,
+        learned.accuracy**2,
+        LEAST_NOISE**2,
+        FLAT**2,
+        since,
+        np.array(start),
+        -1.0 if ratio is None else ratio,
+        noisiest,
+        MOST,
+        _PRIOR_STDS,
+        _ROUNDS,
+        _LEAST_GAIN,
+        np.empty(record_room(orders, coordinates, count, slopes=False)),
+        found,
+        score,
+    )
+    return Regime(*found.tolist())
+
+
+@lru_cache(maxsize=8)
+def _orders(kernels: tuple[Kernel, ...]) -> tuple[tuple[int, ...], Counts]:
+    """How many coefficients each kernel has."""
+    orders = tuple(len(kernel.coefficients) for kernel in kernels if isinstance(kernel, Matern))
+    return orders, np.array(orders)
+
+
 class Watch:
     """Page's two sums of translation and rotation each, sample by sample."""
 
     def __init__(self) -> None:
         """Look at the rows from 1 on."""
-        self._patience = np.ones((2, 1))
-        self._sums = np.zeros((2, len(_THRESHOLDS)))
-        self._since = np.ones(self._sums.shape, dtype=np.int64)
+        self._limits = np.array([_THRESHOLDS, _THRESHOLDS])
+        self._sums = np.zeros(self._limits.shape)
+        self._since = np.ones(self._limits.shape, dtype=np.int64)
         self._looked = np.ones(2, dtype=np.int64)
 
     def restart(self, group: int, row: int) -> None:
         """A group's rows before ``row`` were looked into; more is needed the next time."""
-        self._patience[group] *= 2.0
+        self._limits[group] *= 2.0
         self._sums[group], self._since[group], self._looked[group] = 0.0, row, row
 
     @property
     def looked(self) -> int:
         """The first row that was not looked at yet."""
-        return int(self._looked.min())
+        return min(self._looked.tolist())
 
-    def look(self, squares: Array, telling: Mask) -> list[tuple[int, int, int]]:
-        """Look at ``e²`` (2, n) of the rows from ``looked`` on.
+    def look(self, news: Array, least: Array) -> list[tuple[int, int, int]]:
+        """Look at ``e²`` and ``log d²`` of the rows from ``looked`` on, (G, n, 2).
 
-        A small one tells of a process that promises too little where ``telling`` (2, n): elsewhere
-        the instrument's accuracy, which the samples need not show, explains it.
+        A small one tells of a process that promises too little where ``d²`` exceeds the ``least``
+        (2,) of its logarithm: elsewhere the instrument's accuracy, which the samples need not show,
+        explains it.
 
         Return, of each group one of whose thresholds is exceeded, the first row at which it is, the
         one since which it was approached, and the group; of these look at all again the next time.
         """
-        sums, since = np.empty_like(self._sums), np.empty_like(self._since)
-        raised = np.full((2, 2), -1, dtype=np.int64)
-        end = self.looked + squares.shape[1]
+        first = self.looked
+        raised = np.empty((2, 2), dtype=np.int64)
         if loops.there():
             loops.call(
                 "page_look",
-                loops.doubles(squares),
-                np.ascontiguousarray(telling),
-                end,
-                squares.shape[1],
-                self._looked,
-                len(squares),
+                *loops.strided(news)[:3],
+                len(news) // 2,
+                first,
+                news.shape[1],
+                least,
                 _STEEPNESS,
                 _OFFSETS,
-                self._patience * _THRESHOLDS,
                 len(_THRESHOLDS),
                 _CAUTIOUS,
+                self._limits,
                 self._sums,
                 self._since,
-                sums,
-                since,
+                self._looked,
                 raised,
             )
         else:
+            squares = _of_groups(news[..., 0]).sum(axis=1)
+            telling = np.asarray((_of_groups(news[..., 1]) > least[:, None, None]).all(axis=1))
             for group in range(2):
-                new = slice(squares.shape[1] - end + int(self._looked[group]), None)
-                sums[group], since[group], raised[group] = self._look(
-                    group, squares[group, new], telling[group, new]
-                )
-        if raised[0, 0] < 0 and raised[1, 0] < 0:  # mostly
-            self._sums, self._since = sums, since
-            self._looked[:] = end
-            return []
-        still = raised[:, 0] < 0
-        self._sums[still], self._since[still], self._looked[still] = sums[still], since[still], end
-        return [(*raised[group].tolist(), group) for group in np.flatnonzero(~still).tolist()]
+                new = slice(int(self._looked[group]) - first, None)
+                raised[group] = self._look(group, squares[group, new], telling[group, new])
+        found = zip(raised.tolist(), range(2), strict=True)
+        return [(row, since, group) for (row, since), group in found if row >= 0]
 
-    def _look(
-        self, group: int, squares: Array, telling: Mask
-    ) -> tuple[Array, npt.NDArray[np.int64], tuple[int, int]]:
-        """A group's sums after its next rows, since when each is not zero, and what is raised."""
+    def _look(self, group: int, squares: Array, telling: Mask) -> tuple[int, int]:
+        """Take a group's next rows if none of them is raised; the first that is, or -1."""
         looked, since = int(self._looked[group]), self._since[group]
         terms = 0.5 * (squares * _STEEPNESS[:, None] - _OFFSETS[:, None])
         terms[_CAUTIOUS] *= telling
         walk = np.cumsum(np.concatenate([self._sums[group][:, None], terms], axis=1), axis=1)
         lowest = np.minimum.accumulate(np.minimum(walk, 0.0), axis=1)
         sums, zero = walk - lowest, walk <= lowest
-        exceeded = sums > (self._patience[group] * _THRESHOLDS)[:, None]
-        raised = -1, -1
+        exceeded = sums > self._limits[group][:, None]
         if exceeded.any():
             places = np.where(exceeded.any(axis=1), exceeded.argmax(axis=1), len(squares) + 1)
             test = int(places.argmin())
             place = int(places[test])
             before = np.flatnonzero(zero[test, :place])
             begin = looked + int(before[-1]) if len(before) else int(since[test])
-            raised = looked + place - 1, begin
+            return looked + place - 1, begin
         newest = looked + len(squares) - zero[:, ::-1].argmax(axis=1)
-        return sums[:, -1], np.where(zero.any(axis=1), newest, since), raised
+        self._sums[group] = sums[:, -1]
+        self._since[group] = np.where(zero.any(axis=1), newest, since)
+        self._looked[group] = looked + len(squares)
+        return -1, -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -399,8 +394,7 @@ class Adaptation:
         noise = np.array([group.noise_std**2 for group in groups])
         regression = Regression(process.kernels, groups, values.values.shape[2])
         regression.extend(values.with_noise(noise))
-        rows = np.repeat(since, size)
-        before = regression.squares(rows)[np.arange(2 * size), np.arange(2 * size)]
+        before = regression.square(since)
         self.epochs.append(Epoch(first, since, regimes, process, regression, noise, before))
 
     def _refuted(self) -> tuple[int, int, int, float] | None:
@@ -412,18 +406,12 @@ class Adaptation:
         first = self._watch.looked
         if first >= regression.count:
             return None
-        squares, log_dets = regression.innovations(first)
-        telling = log_dets > self._least.repeat(len(log_dets) // 2)[:, None]
-        if len(squares) > 2:
-            squares = _of_groups(squares).sum(axis=1)
-            telling = np.asarray(_of_groups(telling).all(axis=1))
-        found = self._watch.look(squares, telling)
+        found = self._watch.look(regression.innovations(first), self._least)
         if not found:
             return None
         row, since, group = min(found)
-        seen, _ = regression.innovations(since)
-        seen = _of_groups(seen)[group].sum(axis=0)
-        return row, since, group, float(seen[: row + 1 - since].mean()) / _COORDINATES
+        seen = _of_groups(regression.innovations(since)[..., 0])[group, :, : row + 1 - since]
+        return row, since, group, float(seen.sum()) / (seen.shape[1] * _COORDINATES)
 
 
 def _of_groups(values: npt.NDArray[Any]) -> npt.NDArray[Any]:

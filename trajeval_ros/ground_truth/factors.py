@@ -94,10 +94,10 @@ class Factor(ABC):
         """A, ``gᵀ z`` and ``Σ q`` of the samples up to each; (G, rows, 2 + c), as `white`."""
 
     @abstractmethod
-    def innovations(self, first: int) -> tuple[Array, Array]:
+    def innovations(self, first: int) -> Array:
         """What samples from row ``first`` >= 1 on add to ``Σ q`` and ``log|K| + log A``.
 
-        (G, n - first) both.
+        (G, n - first, 2).
         """
 
     def extend(self, samples: Observed) -> None:
@@ -169,11 +169,12 @@ class _SummedFactor(Factor):
         """Row after row."""
         return self._sums_up[..., :-1]
 
-    def innovations(self, first: int) -> tuple[Array, Array]:
+    def innovations(self, first: int) -> Array:
         """By the sums."""
         sums = self._sums_up[:, first - 1 : self.count]
         pivots = 2.0 * np.log(self.pivots[:, first : self.count])
-        return np.diff(sums[..., -2]), pivots + np.diff(np.log(sums[..., 0]))
+        news = np.diff(sums[..., -2]), pivots + np.diff(np.log(sums[..., 0]))
+        return np.stack(news, axis=-1)
 
     def _add(self, samples: Observed, known: int) -> None:
         first = known // _BLOCK

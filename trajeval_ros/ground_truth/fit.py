@@ -85,7 +85,7 @@ class Fits:
         if len(segment) < 3:
             return
         epoch = segment.epochs[-1]
-        squares, _ = epoch.regression.innovations(1)
+        squares = epoch.regression.innovations(1)[..., 0]
         squares = squares.reshape(2, -1, squares.shape[1]).sum(axis=1)
         means = [
             float(group[min(since, len(group)) - 1 :].mean()) / 3.0

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,7 @@ class Process:
     learned: tuple[Learned, Learned] | None = None
     stamp_std: float = 0.0
     stamp_shared: float = 0.0
+    _known: dict[Regimes, Process] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def of(
@@ -56,8 +57,12 @@ class Process:
         """The process of a stretch in other regimes."""
         if self.learned is None or regimes == AS_LEARNED:
             return self
-        groups = (each.under(regime) for each, regime in zip(self.learned, regimes, strict=True))
-        return replace(self, hyperparameters=Hyperparameters(*groups))
+        if regimes not in self._known:
+            translation, rotation = map(Learned.under, self.learned, regimes)
+            self._known[regimes] = replace(
+                self, hyperparameters=Hyperparameters(translation, rotation), _known={}
+            )
+        return self._known[regimes]
 
     @property
     def groups(self) -> tuple[GroupHyperparameters, GroupHyperparameters]:

@@ -96,10 +96,10 @@ class RecursiveFactor(Factor):
         """Row after row."""
         return self._rows[..., self._columns + 1 : 2 * self._columns + 2]
 
-    def innovations(self, first: int) -> tuple[Array, Array]:
+    def innovations(self, first: int) -> Array:
         """Known since the samples are."""
-        news = self._rows[:, first : self.count, 2 * self._columns + 3 :]
-        return news[..., 0], news[..., 1]
+        begin = 2 * self._columns + 3
+        return self._rows[:, first : self.count, begin : begin + 2]
 
     def _reserve(self, more: int) -> None:
         """Rows are made room for when they are written: no more than there are samples."""

@@ -21,6 +21,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
     Component,
     GroupHyperparameters,
 )
+from trajeval_ros.ground_truth.kernels import Matern
 from trajeval_ros.ground_truth.models import Grid, Model
 
 Array = npt.NDArray[np.float64]
@@ -28,9 +29,9 @@ Numbers = tuple[float, ...]
 
 # Natural logarithms of two standard deviations' ratio. That the motion changes by a multiple is
 # common; that the noise does is not, and larger noise smooths motion away: it takes more evidence.
-_MOTION_STD = 3.0
-_NOISE_STD = 0.35
-_MOST = 40
+PRIOR_STDS = (3.0, 0.35)
+# The most and, below zero, the least that either is.
+MOST = 40
 # Of two regimes with motions less than so many powers of two apart one tells enough of the other.
 _ALIKE = 3
 
@@ -44,15 +45,15 @@ class Regime(NamedTuple):
     def moved(self, motion: int, noise: int) -> Regime:
         """So many powers of two further."""
         return Regime(
-            min(max(self.motion + motion, -_MOST), _MOST),
-            min(max(self.noise + noise, -_MOST), _MOST),
+            min(max(self.motion + motion, -MOST), MOST),
+            min(max(self.noise + noise, -MOST), MOST),
         )
 
     @property
     def log_prior(self) -> float:
         """How probable it is beside the learned one, nats."""
         motion, noise = math.log(2.0) * self.motion, math.log(2.0) * self.noise
-        return -0.5 * ((motion / _MOTION_STD) ** 2 + (noise / _NOISE_STD) ** 2)
+        return -0.5 * ((motion / PRIOR_STDS[0]) ** 2 + (noise / PRIOR_STDS[1]) ** 2)
 
     def of(self, theta: Array) -> Array:
         """θ (p,) of a :class:`Model` in this regime: every log σ and log n moved."""
@@ -80,6 +81,7 @@ class Learned:
     seen: frozenset[Regime] = frozenset({USUAL})
     _known: dict[Regime, GroupHyperparameters] = field(default_factory=dict, repr=False)
     _numbers: dict[Regime, Numbers] = field(default_factory=dict, repr=False)
+    _parts: list[tuple[Array, Array]] = field(default_factory=list, repr=False)
 
     def is_new(self, regime: Regime) -> bool:
         """Whether nothing like it was seen."""
@@ -110,6 +112,22 @@ class Learned:
             noise = max(math.hypot(noise, self.accuracy), LEAST_NOISE * max(pairs[::2]))
             self._numbers[regime] = (*pairs, noise)
         return self._numbers[regime]
+
+    def parts(self) -> tuple[Array, Array]:
+        """The same of every regime: ``rate / l`` of m Matérn kernels, and variances (m + 1, 2).
+
+        Of each kernel's σ², and of n² but for the instrument's, what the motion's is and what the
+        noise's: in a regime they are ``4**motion`` and ``4**noise`` times as large.
+        """
+        if not self._parts:
+            still, exact = self.theta.copy(), self.theta.copy()
+            still[:-1:2] = exact[-1] = -math.inf
+            found = [self.model.natural(theta, self.grid)[0] for theta in (exact, still)]
+            variances = np.exp(2.0 * np.stack(found, axis=1))
+            parts = variances[::2]
+            rates = [k.rate for k in self.model.kernels if isinstance(k, Matern)]
+            self._parts.append((rates / np.exp(found[0][1:-1:2]), parts.copy()))
+        return self._parts[0]
 
     def _under(self, regime: Regime) -> GroupHyperparameters:
         *pairs, noise = self.numbers(regime)

@@ -39,7 +39,7 @@ Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
 
 # Standard deviation of the mean in units of the signal's: flat beside the data.
-_FLAT = 1e3
+FLAT = 1e3
 ROUND_OFF = float(64.0 * np.finfo(np.float64).eps)
 """The variance is known to so much of ``k(t, t)``, and is never less than that."""
 
@@ -110,10 +110,17 @@ class Regression:
         """``Σ q`` over a group's coordinates, given the first ``counts`` (q,) samples; (q, G)."""
         return self._factor.sums[:, counts - 1, -1].T
 
-    def innovations(self, first: int) -> tuple[Array, Array]:
+    def square(self, counts: tuple[int, int]) -> Array:
+        """The same of each group given its own first samples; ``counts`` of its halves; (G,)."""
+        sums, half = self._factor.sums, self.groups // 2
+        return np.concatenate(
+            [sums[:half, counts[0] - 1, -1], sums[half:, counts[1] - 1, -1]],
+        )
+
+    def innovations(self, first: int) -> Array:
         """Return what samples from row ``first`` >= 1 on add to ``Σ q`` and ``log|K| + log A``.
 
-        (G, n - first) both. The first is the square of what the sample is beyond its prediction
+        (G, n - first, 2). The first is the square of what the sample is beyond its prediction
         from those before it, in standard deviations, over the group's coordinates; half of the
         second, the logarithm of the standard deviation of one.
         """
@@ -149,7 +156,7 @@ class Regression:
 
 def least_information(variances: Array) -> Array:
     """What is known of a group's mean before all samples; ``variances`` (G,): ``k(0)``."""
-    return np.asarray(1.0 / (_FLAT**2 * variances))
+    return np.asarray(1.0 / (FLAT**2 * variances))
 
 
 def _factor(kernel: KernelSum, information: Array, coordinates: int) -> Factor:

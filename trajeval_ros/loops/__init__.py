@@ -113,6 +113,13 @@ def address(values: np.ndarray) -> int:
     raise _no_array(values)
 
 
+def strided(values: np.ndarray) -> tuple[int, ...]:
+    """Where an array of float64 begins, as `address`, and how many numbers each axis goes on by."""
+    if values.dtype != np.float64:
+        raise _no_array(values)
+    return int(values.ctypes.data), *(stride // values.itemsize for stride in values.strides)
+
+
 def _no_array(values: np.ndarray) -> TypeError:
     message = f"an array of {values.dtype} with strides {values.strides} is none for C"
     return TypeError(message)

@@ -6,39 +6,67 @@
  */
 #include "loops.h"
 
-/* Look at the squares e^2 (G, n) of the rows before `end`, of each group at those from its row
- * looked (G,) on; those that are not `telling` (G, n) leave the sum of the `cautious` test as it is.
+enum { GROUPS = 2, MOST_TESTS = 8 };
+
+/* e^2 of a row, of all lanes of a group together, and whether it tells: where log d^2 is above the
+ * least of it in all. */
+static double square(const double *news, int64_t parallel, int64_t apart, double least, int *telling)
+{
+    double sum = 0.0;
+    *telling = 1;
+    for (int64_t p = 0; p < parallel; p++, news += apart) {
+        sum += news[0];
+        *telling = *telling && news[1] > least;
+    }
+    return sum;
+}
+
+/* Look at the rows from `first` on, n of them, of both groups at those from its row looked (2,) on:
+ * e^2 and log d^2 lie, of a lane, from `news` on, where `parallel` lanes a group are lane_apart
+ * numbers apart and their rows row_apart. Those that do not tell, with least (2,), leave the sum of
+ * the `cautious` test as it is.
  *
  * Of each test its steepness 1 - 1/r and offset, (t,), its limit, its sum, and the row since which
- * that is not zero, (G, t): what these two are after the rows is written to new_sums and new_since.
- * Where a group's sum exceeds its limit, raised (G, 2) is the first row at which one does, and
- * since which it is not zero. */
-int page_look(const double *squares, const uint8_t *telling, int64_t end, int64_t n,
-              const int64_t *looked, int64_t groups, const double *steepness,
-              const double *offsets, const double *limits, int64_t tests, int64_t cautious,
-              const double *sums, const int64_t *since, double *new_sums, int64_t *new_since,
-              int64_t *raised) {
-    for (int64_t g = 0; g < groups; g++, squares += n, telling += n, raised += 2) {
-        int64_t last = n;
-        for (int64_t t = 0; t < tests; t++, sums++, since++, limits++) {
-            double sum = *sums;
-            int64_t begin = *since;
-            for (int64_t k = n - (end - looked[g]); k < last; k++) {
-                if (t != cautious || telling[k]) {
-                    sum += 0.5 * (squares[k] * steepness[t] - offsets[t]);
-                }
-                if (sum <= 0.0) {
-                    sum = 0.0;
-                    begin = end - n + k + 1;
-                } else if (sum > *limits) {
-                    raised[0] = end - n + k;
-                    raised[1] = begin;
-                    last = k;
+ * that is not zero, (2, t): these two go on, and with them looked, where no sum of the group exceeds
+ * its limit. Where one does, raised (2, 2) is the first row at which, and since which it is not zero;
+ * else -1. 1 where there are too many tests. */
+int page_look(int64_t news, int64_t lane_apart, int64_t row_apart, int64_t parallel, int64_t first,
+              int64_t n, const double *least, const double *steepness, const double *offsets,
+              int64_t tests, int64_t cautious, const double *limits, double *sums, int64_t *since,
+              int64_t *looked, int64_t *raised)
+{
+    if (tests > MOST_TESTS)
+        return 1;
+    for (int64_t g = 0; g < GROUPS; g++, limits += tests, sums += tests, since += tests) {
+        const double *own = (const double *)(intptr_t)news + g * parallel * lane_apart;
+        double after[MOST_TESTS];
+        int64_t begins[MOST_TESTS], end = first + n;
+        raised[2 * g] = raised[2 * g + 1] = -1;
+        for (int64_t t = 0; t < tests; t++) {
+            after[t] = sums[t];
+            begins[t] = since[t];
+            for (int64_t row = looked[g]; row < end; row++) {
+                int telling;
+                const double e2 = square(own + (row - first) * row_apart, parallel, lane_apart,
+                                         least[g], &telling);
+                if (t != cautious || telling)
+                    after[t] += 0.5 * (e2 * steepness[t] - offsets[t]);
+                if (after[t] <= 0.0) {
+                    after[t] = 0.0;
+                    begins[t] = row + 1;
+                } else if (after[t] > limits[t]) {
+                    raised[2 * g] = row;
+                    raised[2 * g + 1] = begins[t];
+                    end = row;
                 }
             }
-            *new_sums++ = sum;
-            *new_since++ = begin;
         }
+        for (int64_t t = 0; t < tests && raised[2 * g] < 0; t++) {
+            sums[t] = after[t];
+            since[t] = begins[t];
+        }
+        if (raised[2 * g] < 0)
+            looked[g] = end;
     }
     return 0;
 }
