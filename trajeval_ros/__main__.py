@@ -33,8 +33,8 @@ def main() -> int:
         sys.stderr.write(f"{USAGE}\ntrajeval_ros: error: there is no command {name!r}\n")
         return 2
     command = importlib.import_module(f"trajeval_ros.{COMMANDS[name]}")
-    # rclpy takes a whole argv, argparse what follows the program's name.
-    code: int = command.main([name, *rest] if name == "evaluator" else rest)
+    sys.argv = [name, *rest]
+    code: int = command.main()
     return code
 
 

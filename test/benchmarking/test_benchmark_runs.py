@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 import re
 import shlex
 import shutil
@@ -274,38 +273,6 @@ def test_a_figure_that_a_defect_costs_is_said_in_the_row(
     assert rows
     assert all("the headline" in str(row["defects"]) for row in rows)
     assert all(row["defects"] is None for row in done[1])
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of glibc's allocator")
-def test_a_task_s_memory_is_not_faulted_in_array_by_array() -> None:
-    """As Dask starts its workers; but for the first time that a page is used."""
-    code = """
-import resource
-import numpy as np
-from trajeval_ros.benchmarking.memory import kept_memory
-
-def faults():
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    for _ in range(50):
-        np.ones(1 << 18)
-    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-
-outside = faults()
-with kept_memory():
-    inside = faults()
-print(outside, inside, faults())
-"""
-    environment = {**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536"}
-    found = subprocess.run(
-        [sys.executable, "-c", code],
-        env=environment | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        check=True,
-        text=True,
-    )
-    outside, inside, again = map(int, found.stdout.split())
-    assert inside < 0.1 * outside
-    assert again > 0.5 * outside
 
 
 @contextlib.contextmanager

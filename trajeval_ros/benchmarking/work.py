@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from trajeval_ros import __version__
+from trajeval_ros import __version__, memory
 from trajeval_ros.benchmarking.errors import Errors, errors_of
 from trajeval_ros.benchmarking.manifest import Source
-from trajeval_ros.benchmarking.memory import kept_memory
 from trajeval_ros.benchmarking.plan import Planned, Task
 from trajeval_ros.files import sources
 from trajeval_ros.files.recognise import recognise
@@ -41,7 +40,7 @@ class Outcome:
     errors: Errors | None = None
 
 
-@kept_memory()
+@memory.kept()
 def outcomes_of(task: Task) -> list[Outcome]:
     """Evaluate the runs of a task. What is wrong with one of them is its row's ``error``."""
     start = time.perf_counter()

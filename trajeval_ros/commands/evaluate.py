@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import json
 import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from trajeval_ros import memory
 from trajeval_ros.commands import completion, console, evo_options
 
 if TYPE_CHECKING:
@@ -137,7 +137,9 @@ def _applicable(text: str) -> tuple[str, ...]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
+    """Run the command and return its exit code; without ``argv``, as a process of its own."""
+    if argv is None:
+        memory.begin()
     from trajeval_ros.commands import inputs
 
     given = sys.argv[1:] if argv is None else argv
@@ -199,9 +201,7 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
     # Only now, so that wrong usage and bad files are known at once: this brings in SciPy.
     from trajeval_ros.commands import scoring
 
-    # What is loaded stays to the end: to look in it for garbage, and once more when the process
-    # ends, takes a twentieth of a short run.
-    gc.freeze()
+    memory.loaded()
     output = arguments.output or str(parameters["output.directory"])
     return scoring.score(
         data,

@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from trajeval_ros import __version__
+from trajeval_ros import __version__, memory
 from trajeval_ros.node.ending import DONE, WRONG_USAGE, Stop, fail
 
 USAGE = """\
@@ -27,6 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if "--version" in arguments[1:]:
         sys.stdout.write(f"evaluator {__version__}\n")
         return DONE
+    memory.begin()
     # Before the libraries load, which takes a second: a signal in that second counts too.
     stop = Stop()
     try:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Sequence
 
@@ -13,6 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args, try_shutdown
 
+from trajeval_ros import memory
 from trajeval_ros.node.ending import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail, right_command
 from trajeval_ros.node.evaluator import Evaluator
 from trajeval_ros.online.parameters import ParameterError
@@ -42,8 +42,7 @@ def _run(others: Sequence[str], stop: Stop) -> int:
         node = Evaluator()
     except ParameterError as error:
         return fail(str(error), WRONG_USAGE)
-    # What is loaded stays: a search of it for garbage holds up a batch for some 40 ms.
-    gc.freeze()
+    memory.loaded()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     next_spin = next_events = 0.0
