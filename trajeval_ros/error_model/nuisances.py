@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.error_model.likelihood import Data
 
 Array = npt.NDArray[np.float64]
@@ -132,8 +132,7 @@ def errors(ground_truth: Array, estimate: Array) -> Array:
     ground_truth: (N, 4, 4), its positions about their mean. estimate: (N, 4, 4), in its own world.
     """
     rotation, position = ground_truth[:, :3, :3], ground_truth[:, :3, 3]
-    u, _, vt = np.linalg.svd((rotation @ np.swapaxes(estimate[:, :3, :3], 1, 2)).sum(axis=0))
-    align = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    align = _nearest_rotation((rotation @ np.swapaxes(estimate[:, :3, :3], 1, 2)).sum(axis=0))
     phi = se3.log_so3(align @ estimate[:, :3, :3] @ np.swapaxes(rotation, 1, 2))
     if np.linalg.norm(phi, axis=1).max() < _SMALL_ANGLE:
         offset = estimate[:, :3, 3] @ align.T - position
@@ -149,6 +148,12 @@ def errors(ground_truth: Array, estimate: Array) -> Array:
     return total
 
 
+def _nearest_rotation(matrix: Array) -> Array:
+    """The rotation (3, 3) that is nearest to a matrix, or to a multiple of it."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
+
+
 def prepare(
     stamps: Stamps, estimate: Array, reference: Truth, nuisances: Nuisances
 ) -> tuple[Data, Array]:
@@ -156,13 +161,15 @@ def prepare(
 
     stamps: the estimate's own, (N,) ns; all of ``reference`` valid.
     """
+    middle = (int(stamps[0]) + int(stamps[-1])) // 2
+    times: Array = np.asarray((stamps - middle) * 1e-9, dtype=np.float64)
+    if loops.there():
+        return _prepared_in_c(times, estimate, reference, nuisances)
     truth = reference.poses.copy()
     truth[:, :3, 3] -= truth[:, :3, 3].mean(axis=0)
     rotation, position = truth[:, :3, :3], truth[:, :3, 3]
     axes = np.zeros((len(truth), 6, 6))
     axes[:, :3, :3] = axes[:, 3:, 3:] = rotation
-    middle = (int(stamps[0]) + int(stamps[-1])) // 2
-    times: Array = np.asarray((stamps - middle) * 1e-9, dtype=np.float64)
     columns = np.zeros((len(truth), 6, COUNT))
     columns[:, :, 0] = (axes @ reference.twists[..., None])[..., 0]
     columns[:, :, 1] = columns[:, :, 0] * times[:, None]
@@ -182,3 +189,25 @@ def prepare(
         np.ones((len(truth) - 1, 2)),
     )
     return data, gauge
+
+
+def _prepared_in_c(
+    times: Array, estimate: Array, reference: Truth, nuisances: Nuisances
+) -> tuple[Data, Array]:
+    """As `prepare`; times: (N,), s."""
+    count = len(times)
+    poses, covariances, twists, estimate = map(
+        loops.doubles, (reference.poses, reference.covariances, reference.twists, estimate)
+    )
+    back, sums = se3.inverse(nuisances.extrinsic), np.empty(12)
+    loops.call("errors_about", count, poses, estimate, back, sums)
+    align, mean = _nearest_rotation(sums[:9].reshape(3, 3)), sums[9:] / count
+    found, series = np.empty((count, 6)), se3.LOGARITHM_TABLE
+    how = back, float(nuisances.scale), mean, align, _SMALL_ANGLE, series, len(series)
+    loops.call("errors_of", count, poses, estimate, *how, found)
+    columns, gauge = np.empty((count, 6, COUNT)), np.empty((count, 6, 6))
+    turned, travel = np.empty((count, 6, 6)), np.empty((count - 1, 3))
+    given = poses, covariances, twists, times, mean
+    loops.call("errors_columns", count, *given, columns, gauge, turned, travel)
+    weights = np.ones((count, 2)), np.ones((count - 1, 2))
+    return Data(times, found, turned, travel, columns, _PRECISION, *weights), gauge

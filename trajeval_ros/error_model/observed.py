@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.error_model.likelihood import Data
 from trajeval_ros.error_model.model import Unobserved
 from trajeval_ros.error_model.nuisances import COUNT, OBSERVED_STD
@@ -49,21 +50,8 @@ def _directions(information: Array, jitter: Array, data: Data, gauge: Array) -> 
     turn varies by its noise, and a lever arm would follow that as it follows motion; a clock, the
     speed of one that stands.
     """
-    noise = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
-    weight = 1.0 / (noise + data.measured * jitter)
-    # How much the columns vary beyond what an alignment takes up, weighted; and how much they would
-    # if they were errors.
-    squares = np.zeros((6 + COUNT, 6 + COUNT))
-    for first in range(0, len(gauge), _PART):
-        part = slice(first, first + _PART)
-        both = np.concatenate([gauge[part], data.nuisances[part]], axis=2)
-        flat = both.reshape(-1, 6 + COUNT)
-        squares += flat.T @ (flat * np.repeat(weight[part], 3, axis=1).reshape(-1, 1))
+    squares, errors = _varied(jitter, data, gauge)
     taken = squares[6:, :6] @ np.linalg.pinv(squares[:6, :6], hermitian=True) @ squares[:6, 6:]
-    errors = np.zeros(COUNT)
-    errors[2:5] = 2.0 * noise[:, 1] @ weight[:, 0]
-    errors[5:8] = 2.0 * noise[:, 1] @ weight[:, 1]
-    errors[8] = 3.0 * noise[:, 0] @ weight[:, 0]
     beyond = squares[6:, 6:] - taken - _BEYOND_ERRORS * np.diag(errors)
     if (np.diag(beyond)[[2, 3, 4, 8]] <= 0.0).all():  # neither turns nor goes anywhere
         beyond[:2] = beyond[:, :2] = 0.0
@@ -73,6 +61,29 @@ def _directions(information: Array, jitter: Array, data: Data, gauge: Array) -> 
     vectors = moved @ vectors
     seen = vectors[:, values >= 1.0]
     return seen, np.concatenate([hidden, vectors[:, values < 1.0]], axis=1)
+
+
+def _varied(jitter: Array, data: Data, gauge: Array) -> tuple[Array, Array]:
+    """How much the columns of alignment and nuisances vary, weighted, and would as errors alone.
+
+    (15, 15) and (9,).
+    """
+    squares, errors = np.zeros((6 + COUNT, 6 + COUNT)), np.zeros(COUNT)
+    if loops.there():
+        given = data.covariance, data.measured, jitter, gauge, data.nuisances
+        loops.call("errors_shown", len(gauge), *map(loops.doubles, given), squares, errors)
+        return squares, errors
+    noise = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
+    weight = 1.0 / (noise + data.measured * jitter)
+    for first in range(0, len(gauge), _PART):
+        part = slice(first, first + _PART)
+        both = np.concatenate([gauge[part], data.nuisances[part]], axis=2)
+        flat = both.reshape(-1, 6 + COUNT)
+        squares += flat.T @ (flat * np.repeat(weight[part], 3, axis=1).reshape(-1, 1))
+    errors[2:5] = 2.0 * noise[:, 1] @ weight[:, 0]
+    errors[5:8] = 2.0 * noise[:, 1] @ weight[:, 1]
+    errors[8] = 3.0 * noise[:, 0] @ weight[:, 0]
+    return squares, errors
 
 
 def unobserved(covariance: Array) -> tuple[Unobserved, ...]:
