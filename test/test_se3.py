@@ -156,7 +156,7 @@ def test_hat_is_the_cross_product() -> None:
 def test_exp(xi: Array) -> None:
     pose = se3.exp(xi)
     assert pose.shape == (*xi.shape[:-1], 4, 4)
-    assert (se3.exp_so3(xi[..., 3:]) == pose[..., :3, :3]).all()
+    assert_close(se3.exp_so3(xi[..., 3:]), pose[..., :3, :3], 1.0, 4.0)
     for x, t in zip(elements(xi, 1), elements(pose, 2), strict=True):
         assert_exact(t, twin.exp(x), _pose_size(x), 6.0)
 
@@ -165,10 +165,12 @@ def test_exp(xi: Array) -> None:
 def test_jacobians(xi: Array) -> None:
     left, left_inverse = se3.left_jacobian(xi), se3.left_jacobian_inverse(xi)
     assert left.shape == left_inverse.shape == (*xi.shape[:-1], 6, 6)
-    assert (se3.right_jacobian(xi) == se3.left_jacobian(-xi)).all()
+    assert_close(se3.right_jacobian(xi), se3.left_jacobian(-xi), _jacobian_size(xi), 4.0)
     of_rotation = se3.right_jacobian(xi)[..., 3:, 3:]
     assert_close(se3.right_jacobian_so3(xi[..., 3:]), of_rotation, 1.0, 4.0)
-    assert (se3.right_jacobian_inverse(xi) == se3.left_jacobian_inverse(-xi)).all()
+    assert_close(
+        se3.right_jacobian_inverse(xi), se3.left_jacobian_inverse(-xi), _jacobian_size(xi), 4.0
+    )
     for x, j, i in zip(elements(xi, 1), elements(left, 2), elements(left_inverse, 2), strict=True):
         expected = twin.left_jacobian(x)
         assert_exact(j, expected, _jacobian_size(x), 6.0)
@@ -219,7 +221,7 @@ def test_log(xi: Array) -> None:
         actual = se3.log(pose)
         angle, length = np.linalg.norm(x[3:]), np.linalg.norm(x[:3])
         assert np.linalg.norm(actual[3:]) <= np.pi * (1.0 + EPS)
-        assert (se3.log_so3(pose[:3, :3]) == actual[3:]).all()
+        assert_close(se3.log_so3(pose[:3, :3]), actual[3:], 4.0, 1.0)
         if angle < np.pi - 1e-14:
             assert_close(actual, x, np.repeat([length, angle], 3), 6.0)
         else:  # the pose as rounded may have turned by less than pi about the opposite axis
@@ -511,7 +513,9 @@ def test_a_batch_is_its_elements(make: Maker, function: Map) -> None:
 @over_every_map
 def test_strided_input(make: Maker, function: Map) -> None:
     batch = make((6,))
-    np.testing.assert_array_equal(function(batch[::2]), function(batch[::2].copy()))
+    np.testing.assert_allclose(
+        function(batch[::2]), function(batch[::2].copy()), rtol=0.0, atol=16.0 * EPS
+    )
 
 
 @pytest.mark.parametrize("name", sorted(OF_TANGENT.keys() - {"hat"}))
@@ -538,9 +542,8 @@ def test_poses_of_different_batch_shapes_broadcast() -> None:
     assert se3.compose(first, second, second[0]).shape == (4, 5, 4, 4)
     position, quaternion = se3.to_position_quaternion(first)
     origin = se3.from_position_quaternion([0.0, 0.0, 0.0], quaternion)
-    assert (
-        origin[..., :3, :3] == se3.from_position_quaternion(position, quaternion)[..., :3, :3]
-    ).all()
+    there = se3.from_position_quaternion(position, quaternion)
+    assert_close(origin[..., :3, :3], there[..., :3, :3], 1.0, 4.0)
     assert se3.from_position_quaternion(position, [0.0, 0.0, 0.0, 2.0]).shape == (4, 1, 4, 4)
     assert se3.covariance_to_fixed_axes(np.eye(6)[None], first).shape == (4, 1, 6, 6)
 

@@ -70,6 +70,9 @@ executor.add_node(node)
 deadline = time.monotonic() + float(seconds)
 while time.monotonic() < deadline and not is_all_there():
     executor.spin_once(timeout_sec=0.1)
-sys.stdout.write(json.dumps(heard) + "\n")
+# A buffered writer of its own: with PYTHONUNBUFFERED, what a stopped process had not yet written of
+# a pipe's 64 kB when it was continued is lost (a short write of a raw file).
+with open(1, "w", encoding="utf-8", closefd=False) as output:
+    json.dump(heard, output)
 node.destroy_node()
 rclpy.shutdown()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from twins.runs import START, motion, samples
+from twins.runs import START, assert_same_summary, motion, samples
 
 from trajeval_ros.ground_truth.faults import Fault
 from trajeval_ros.online.coverage import Odometer, Presence, coverage
@@ -48,7 +48,8 @@ def test_the_same_however_the_batches_are_cut(cuts, capacity):
         parts[0].add(stamps[begin:end], positions[begin:end])
         inside = np.arange(begin, end)
         parts[1].add(stamps[inside[inside % 7 == 0]])
-    assert coverage(parts[0].way(), parts[1]) == coverage(whole[0].way(), whole[1])
+    cut, expected = (coverage(each[0].way(), each[1]) for each in (parts, whole))
+    assert_same_summary(cut, expected)
     np.testing.assert_array_equal(parts[0].way().positions, whole[0].way().positions)
     assert len(whole[0].way().stamps) <= capacity + 1
 

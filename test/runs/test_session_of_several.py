@@ -53,8 +53,8 @@ def test_each_is_as_it_is_alone_and_all_are_in_one_summary(two, tmp_path):
     for name, one in zip(NAMES, two, strict=True):
         assert sorted(os.listdir(tmp_path / name)) == FILES
         alone = json.loads((tmp_path / name / "summary.json").read_text(encoding="utf-8"))
-        assert alone.pop("ground_truth") == together["ground_truth"]
-        assert alone == together["estimates"][name]
+        assert_same_summary(alone.pop("ground_truth"), together["ground_truth"])
+        assert_same_summary(alone, together["estimates"][name])
         engine = Engine(FIXED)
         engine.add_ground_truth(two[0].ground_truth)
         engine.add_estimate(one.estimate)
