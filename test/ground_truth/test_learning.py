@@ -3,13 +3,16 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from twins import gp_twin
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth.hyperparameters import DEGREES_OF_FREEDOM, Component
-from trajeval_ros.ground_truth.learning import Posterior, learn, maximum
+from trajeval_ros.ground_truth.learning import Posterior, climbed, learn, maximum
 from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import MODELS, Grid
-from trajeval_ros.ground_truth.regimes import USUAL
+from trajeval_ros.ground_truth.regimes import USUAL, Regime
 
 NAMES = {
     "matern52": ("Matern52", "Matern72", "Matern32", "Exponential"),
@@ -88,6 +91,46 @@ def test_information_is_the_mean_square_of_the_gradient(name):
     np.testing.assert_allclose(mean_square / unit, mean / unit, atol=0.1)
 
 
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@given(
+    name=st.sampled_from(["matern52", "matern32"]),
+    start=st.integers(0, 99),
+    regimes=st.lists(st.builds(Regime, st.integers(-3, 3), st.integers(-1, 2)), max_size=3),
+    steps=st.integers(0, 4),
+    narrow=st.booleans(),
+    seed=st.integers(0, 99),
+)
+def test_the_loop_climbs_as_numpy_does(name, start, regimes, steps, narrow, seed):
+    model, data = MODELS[name], records(seed)
+    grid = grid_of(data)
+    starts = model.starts(grid)
+    begin = starts[start % len(starts)]
+    bounds = np.array(model.bounds(grid))
+    if narrow:  # at some bounds, off others
+        bounds = begin[:, None] + np.linspace([-0.3, 0.0], [0.0, 0.3], len(begin))
+    posterior = Posterior(model, grid, data, [*regimes, *[USUAL] * (len(data) - len(regimes))])
+    looped = posterior.climbed(begin, bounds, steps)
+    expected = climbed(posterior, begin, bounds, steps)
+    # What does not show in the data is where the last digits take it.
+    np.testing.assert_allclose(looped.value, expected.value, rtol=1e-8)
+    np.testing.assert_allclose(looped.theta, expected.theta, atol=1e-5)
+    assert posterior.value(expected.theta) == pytest.approx(expected.value, rel=1e-9)
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@pytest.mark.parametrize("name", ["matern52", "matern32"])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_loop_ends_where_numpy_does(name, seed):
+    model, data = MODELS[name], records(seed)
+    grid = grid_of(data)
+    bounds = np.array(model.bounds(grid))
+    posterior = Posterior(model, grid, data)
+    begin = np.clip(model.starts(grid)[seed], *bounds.T)
+    found, expected = maximum(posterior, begin, bounds), climbed(posterior, begin, bounds)
+    assert found.value == pytest.approx(expected.value, abs=2e-3)
+    assert np.isfinite(found.value)
+
+
 def test_learns_what_the_data_were_drawn_from():
     rng = np.random.default_rng(5)
     components = (Component(0.3, 0.8),)
@@ -150,7 +193,8 @@ def test_search_ends_where_the_slope_vanishes(seed):
     grid = grid_of(data)
     bounds = np.array(model.bounds(grid))
     posterior = Posterior(model, grid, data)
-    found = maximum(posterior, np.clip(model.starts(grid)[0], *bounds.T), bounds)
+    start = np.clip(model.starts(grid)[0], *bounds.T)
+    found = posterior(maximum(posterior, start, bounds).theta)
     inside = (found.theta > bounds[:, 0]) & (found.theta < bounds[:, 1])
     # Half of gᵀ C⁻¹ g is what the next step could gain, nats; but for what makes no difference.
     curvature = found.curvature[np.ix_(inside, inside)]

@@ -3,9 +3,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from trajeval_ros import se3
-from trajeval_ros.ground_truth.lessons import Lesson, Lessons
+from trajeval_ros import loops, se3
+from trajeval_ros.ground_truth.lessons import Lesson, Lessons, spread_and_noise
 from trajeval_ros.ground_truth.models import MODELS
 from trajeval_ros.ground_truth.segment import Samples, Segment
 
@@ -100,3 +102,14 @@ def test_neighbours_count_only_where_they_show_less_than_usual(monkeypatch, mode
     close, apart = learned_twice(monkeypatch, MODELS[model], noise, late)
     for one, other in zip(close, apart, strict=True):
         np.testing.assert_allclose(one.theta, other.theta, rtol=0, atol=1e-6)
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@given(count=st.integers(2, 300), offset=st.floats(-3.0, 6.0), seed=st.integers(0, 999))
+def test_the_loop_sees_the_spread_that_numpy_sees(count, offset, seed):
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0.0, 2.0, 6) * rng.normal(size=(count, 6)) + 10.0**offset
+    found = spread_and_noise(x)
+    with loops.left_out():
+        expected = spread_and_noise(x)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15 * 10.0**offset)

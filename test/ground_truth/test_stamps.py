@@ -4,14 +4,16 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from twins.profiles import Profile, noisy, samples
 from twins.runs import START, motion
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.screen import Screen
 from trajeval_ros.ground_truth.segment import Samples
-from trajeval_ros.ground_truth.stamps import HISTORY, slopes, stamp_noise
+from trajeval_ros.ground_truth.stamps import HISTORY, neighbours, slopes, stamp_noise
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 
@@ -147,3 +149,26 @@ def test_bursts_are_the_same_in_any_batches():
         found.add(faults.found)
     (named,) = found
     assert [fault.code for fault in named] == ["stamp_bursts"]
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@given(
+    count=st.integers(3, 60),
+    group=st.integers(0, 1),
+    rest=st.sampled_from([0.0, 0.5, 1.0]),
+    noise=st.sampled_from([0.0, 1e-3]),
+    seed=st.integers(0, 999),
+)
+def test_the_loop_sums_what_numpy_sums(count, group, rest, noise, seed):
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.2, 1.8, count)) * 0.01
+    x = np.sin(times[:, None] * rng.uniform(1.0, 9.0, 6)) * (times > rest * times[-1])[:, None]
+    x += noise * rng.standard_t(2, (count, 6))
+    some = x[:, 3 * group : 3 * group + 3]
+    found = neighbours(times, some)
+    with loops.left_out():
+        expected = neighbours(times, some)
+    scale = max(map(abs, (expected[0], expected[3])))
+    np.testing.assert_allclose(found[:2], expected[:2], rtol=1e-9, atol=1e-9 * scale)
+    assert found[2] == expected[2]
+    np.testing.assert_allclose(found[3], expected[3], rtol=1e-9, atol=1e-9 * scale)

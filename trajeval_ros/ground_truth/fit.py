@@ -4,11 +4,10 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from trajeval_ros.ground_truth.adaptation import Epoch
 from trajeval_ros.ground_truth.faults import Faults
@@ -85,13 +84,7 @@ class Fits:
         if len(segment) < 3:
             return
         epoch = segment.epochs[-1]
-        squares = epoch.regression.innovations(1)[..., 0]
-        squares = squares.reshape(2, -1, squares.shape[1]).sum(axis=1)
-        means = [
-            float(group[min(since, len(group)) - 1 :].mean()) / 3.0
-            for group, since in zip(squares, epoch.since, strict=True)
-        ]
-        self._recent.append((means[0], means[1]))
+        self._recent.append(_mean_squares(epoch))
         self._segments += 1
         self._adapted += len(segment.epochs) > 1
         for changed in segment.epochs[1:]:
@@ -106,7 +99,7 @@ class Fits:
             self._noise,
             self._segments,
             self._adapted,
-            float(np.hypot(epoch.process.stamp_std, epoch.process.stamp_shared)),
+            math.hypot(epoch.process.stamp_std, epoch.process.stamp_shared),
             tuple(self._anew),
         )
         white = _white(epoch)
@@ -133,6 +126,17 @@ class Fits:
             self._noted = seconds
 
 
+def _mean_squares(epoch: Epoch) -> tuple[float, float]:
+    """Of the standardised innovations of translation and rotation, since its regimes hold."""
+    squares = epoch.regression.innovations(1)[..., 0]
+    half, last = len(squares) // 2, squares.shape[1] - 1
+    translation, rotation = (min(since - 1, last) for since in epoch.since)
+    return (
+        float(squares[:half, translation:].sum()) / (3.0 * (last + 1 - translation)),
+        float(squares[half:, rotation:].sum()) / (3.0 * (last + 1 - rotation)),
+    )
+
+
 def _median(values: Sequence[float]) -> float:
     """NumPy's takes twenty times as long for so few."""
     ordered = sorted(values)
@@ -147,7 +151,7 @@ def _white(epoch: Epoch) -> tuple[float, float]:
     if epoch.process.learned is None:
         return _noise(epoch.process)
     translation, rotation = (
-        float(np.hypot(np.exp(regime.of(learned.theta)[-1]), learned.accuracy))
+        math.hypot(2.0**regime.noise * math.exp(learned.theta[-1]), learned.accuracy)
         for learned, regime in zip(epoch.process.learned, epoch.regimes, strict=True)
     )
     return translation, rotation
@@ -164,9 +168,7 @@ def _usual(process: Process) -> tuple[float, float]:
 def _noise(process: Process) -> tuple[float, float]:
     """The standard deviation of a sample's noise, with the part that is correlated in time."""
     translation, rotation = (
-        float(
-            np.hypot(group.noise_std, group.components[3].std if len(group.components) > 3 else 0)
-        )
+        math.hypot(group.noise_std, group.components[3].std if len(group.components) > 3 else 0.0)
         for group in process.groups
     )
     return translation, rotation

@@ -12,10 +12,12 @@ import math
 from collections.abc import Sequence
 from functools import cached_property
 from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import Grid, Model
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
@@ -26,7 +28,7 @@ Array = npt.NDArray[np.float64]
 _SEARCHES = 2
 # A search ends when a step gains less than this (nats), or after so many steps.
 _LEAST_GAIN = 1e-3
-_MAX_STEPS = 50
+MAX_STEPS = 50
 # No parameter, a logarithm, changes more than this in one step.
 _LONGEST_STEP = 2.0
 # Damping: at first, at least, at most; the factor by which it changes; and what a parameter that
@@ -106,12 +108,69 @@ class Posterior:
         """Return what is known at ``theta``."""
         return Point(self._model, self._grid, self._regimes, self._likelihood, theta)
 
+    def value(self, theta: Array) -> float:
+        """The log-posterior at ``theta``, up to a constant."""
+        found = self.climbed(theta, np.empty((0, 2)), 0)
+        return self(theta).value if found is None else found.value
 
-def maximum(posterior: Posterior, start: Array, bounds: Array) -> Point:
+    def climbed(self, start: Array, bounds: Array, steps: int) -> Found | None:
+        """So many steps of `maximum` by one call of C; None where it has none of the model."""
+        if self._in_c is None:
+            return None
+        theta, value = start.copy(), np.empty(1)
+        climb = np.array([*_DAMPING, _DAMPING_STEP, _HOLD, _LONGEST_STEP, _LEAST_GAIN])
+        arguments, room = self._in_c
+        loops.call(
+            "lesson_climb",
+            *arguments,
+            np.ascontiguousarray(bounds),
+            len(start),
+            climb,
+            steps,
+            theta,
+            value,
+            np.empty(room),
+        )
+        return Found(theta, float(value[0]))
+
+    @cached_property
+    def _in_c(self) -> tuple[tuple[loops.Argument, ...], int] | None:
+        """What the loop is told of the records and the model, and how much room it needs."""
+        known = self._likelihood.in_c
+        if known is None:
+            return None
+        records, room = known
+        numbers, sets = self._model.numbers(self._grid), len(self._regimes)
+        model = (
+            np.array(self._regimes),
+            sets,
+            numbers.weights,
+            len(numbers.weights),
+            numbers.share,
+            numbers.time,
+            numbers.prior,
+        )
+        size = 2 * len(self._model.kernels) + 1
+        return (*records, *model), room + sets * size * (size + 2)
+
+
+class Found(NamedTuple):
+    """Where a climb has ended: θ (p,) and the log-posterior there."""
+
+    theta: Array
+    value: float
+
+
+def maximum(posterior: Posterior, start: Array, bounds: Array) -> Found:
     """Climb from ``start`` (p,) to a maximum within ``bounds`` (p, 2)."""
+    return posterior.climbed(start, bounds, MAX_STEPS) or climbed(posterior, start, bounds)
+
+
+def climbed(posterior: Posterior, start: Array, bounds: Array, steps: int = MAX_STEPS) -> Found:
+    """`maximum` in NumPy, after so many steps at most."""
     point = posterior(start)
     damping, least, most = _DAMPING
-    for _ in range(_MAX_STEPS if math.isfinite(point.value) else 0):
+    for _ in range(steps if math.isfinite(point.value) else 0):
         gain = 0.0
         while gain <= 0.0 and damping < most:
             theta = _step(point, damping, bounds)
@@ -130,7 +189,7 @@ def maximum(posterior: Posterior, start: Array, bounds: Array) -> Point:
             point = further
         if gain * (1.0 + damping) < _LEAST_GAIN:
             break
-    return point
+    return Found(point.theta, point.value)
 
 
 def _step(point: Point, damping: float, bounds: Array) -> Array:
@@ -222,7 +281,7 @@ def nothing(
 
 def _searched(
     model: Model, grid: Grid, records: Sequence[Record], starts: Sequence[Array], bounds: Array
-) -> tuple[Point, list[Regime]]:
+) -> tuple[Found, list[Regime]]:
     """The best that is found from ``starts``, and the regime of each record there."""
     regimes = [USUAL] * len(records)
     if len(starts) == 1:
@@ -230,7 +289,7 @@ def _searched(
     for rounds_left in reversed(range(_ROUNDS)):
         posterior = Posterior(model, grid, records, regimes)
         if len(starts) > _SEARCHES:
-            starts = sorted(starts, key=lambda start: -posterior(start).value)[:_SEARCHES]
+            starts = sorted(starts, key=lambda start: -posterior.value(start))[:_SEARCHES]
         found = [maximum(posterior, start, bounds) for start in starts]
         best = max(found, key=lambda point: point.value)
         if not rounds_left or not math.isfinite(best.value):

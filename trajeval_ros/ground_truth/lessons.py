@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth import learning
 from trajeval_ros.ground_truth.likelihood import Record
 from trajeval_ros.ground_truth.models import Model
@@ -203,10 +204,22 @@ def _moves(segment: Segment) -> bool:
     """Whether the coordinates' spread exceeds what neighbouring samples differ by."""
     if len(segment) < 3:
         return False
-    x = segment.coordinates
+    spread, noise = spread_and_noise(segment.coordinates)
+    return any(wide > _MOVING * rough for wide, rough in zip(spread, noise, strict=True))
+
+
+def spread_and_noise(x: Array) -> tuple[Sequence[float], Sequence[float]]:
+    """How far coordinates (n, 6) are spread, and what neighbours differ by without motion.
+
+    Standard deviations, the largest of translation and of rotation.
+    """
+    if loops.there():
+        spread, noise = np.empty(2), np.empty(2)
+        loops.call("segment_spread", loops.doubles(x), len(x), spread, noise)
+        return spread.tolist(), noise.tolist()
     spread = x.std(axis=0).reshape(2, 3).max(axis=1)
     noise = np.sqrt(0.5 * np.mean(np.diff(x, axis=0) ** 2, axis=0)).reshape(2, 3).max(axis=1)
-    return bool((spread > _MOVING * noise).any())
+    return spread.tolist(), noise.tolist()
 
 
 def _turns(segment: Segment) -> bool:

@@ -92,6 +92,32 @@ class Likelihood:
                 data = known[same] = known.get(same) or _Dense(kernels, those)
                 self._dense.append((places, _Shape.of(those), data))
 
+    @property
+    def in_c(self) -> tuple[tuple[loops.Argument, ...], int] | None:
+        """What ``lesson.c`` is told of the records, and how much room it needs for these.
+
+        None where the matrices are dense.
+        """
+        data, shape = self._markov, self._shape
+        if data is None:
+            return None
+        records = (
+            data.begins,
+            data.counts,
+            len(shape.counts),
+            data.times,
+            data.values,
+            data.variances,
+            shape.coordinates,
+            data.orders,
+            len(data.orders),
+            data.sets,
+            data.rates,
+            shape.constants[data.order],
+            DEGREES_OF_FREEDOM,
+        )
+        return records, data.room_for_slopes + 2 * len(shape.counts)
+
     def __call__(self, log_parameters: Array) -> Fit:
         """Return the log-likelihood, whose slope and information can then be asked for."""
         if self._markov is not None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from types import MappingProxyType
-from typing import ClassVar, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +70,10 @@ class Model(Protocol):
         """Return the log-prior, its gradient, and its negative second derivatives; (p,) each."""
         ...
 
+    def numbers(self, grid: Grid) -> Numbers:
+        """Return what `natural` and `log_prior` have of it."""
+        ...
+
     def bounds(self, grid: Grid) -> Bounds:
         """Return the bounds of θ."""
         ...
@@ -81,6 +85,22 @@ class Model(Protocol):
     def common(self, grid: Grid) -> Array:
         """Return what motion is like that is not known yet."""
         ...
+
+
+class Numbers(NamedTuple):
+    """A model as ``lesson.c`` takes it.
+
+    ``weights`` (k, 2): of the noise's variance ``n_0² + Σ w σ² l^-m`` m and w, of the first k
+    kernels; ``share``: what is correlated of it, over ``time`` (s); ``prior`` (8,): the place of a
+    length in θ, its logarithm's mean and standard deviation; of log n_0 from where to where it is
+    usual, its standard deviations below and above, and how many of these the tail is off. Without a
+    prior the place is -1.
+    """
+
+    weights: Array
+    share: float
+    time: float
+    prior: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +121,10 @@ class OneKernel:
     def log_prior(self, theta: Array, grid: Grid) -> tuple[float, Array, Array]:
         """Return zero."""
         return 0.0, np.zeros(3), np.zeros(3)
+
+    def numbers(self, grid: Grid) -> Numbers:
+        """Return white noise alone."""
+        return Numbers(np.empty((0, 2)), 0.0, 1.0, np.array([-1.0, *[1.0] * 7]))
 
     def bounds(self, grid: Grid) -> Bounds:
         """From far below to far above what the data show."""
@@ -219,6 +243,24 @@ class MotionAndNoise:
         gradient[-1], curvature[-1] = -tail / std, float(tail == noise != 0.0) / std**2
         improbable = 0.5 * tail**2 + tail * (noise - tail)
         return -0.5 * length**2 - improbable, gradient, curvature
+
+    def numbers(self, grid: Grid) -> Numbers:
+        """Return the constants above."""
+        weights = [
+            (
+                motion.order,
+                self.motion_share**2
+                * motion.share
+                * motion.density
+                * (math.sqrt(motion.order) * grid.interval) ** motion.order,
+            )
+            for motion in self.motions
+        ]
+        highest = math.log(grid.soft_limit)
+        usual = highest + math.log(self.usual_noise), highest
+        prior = (3, *self.smooth_length, *usual, *self.noise_stds, self.noise_tail)
+        time = self.correlation_intervals * grid.interval
+        return Numbers(np.array(weights, float), self.correlated_share, time, np.array(prior))
 
     def bounds(self, grid: Grid) -> Bounds:
         """From far below to far above what the data show."""

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth.ticks import coarsest, middle, on_even_clock
 
 Array = npt.NDArray[np.float64]
@@ -58,6 +59,8 @@ _COARSE = 0.25
 _DIFFERENT = 0.01
 # Single residuals count as no more than so many times the median of their squares.
 _CLIPPED = 25.0
+# Velocities are those between so many samples before and after.
+_REACH = 8
 
 
 def slopes(times: Array, coordinates: Array, first: int) -> Array:
@@ -184,7 +187,9 @@ def _of_group(
     segments: Sequence[tuple[Array, Array]], accuracy: float, most: float
 ) -> tuple[float, float]:
     """How significant the variance of the stamps is, and the variance, s², which is at ``most``."""
-    sums = np.array([_sums(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES])
+    sums = np.array(
+        [neighbours(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES]
+    )
     excess, squares, counts, across = sums.T
     if not squares.sum() > 0.0 or not excess.sum() > max(across.sum(), 0.0):
         return 0.0, 0.0
@@ -198,13 +203,21 @@ def _of_group(
     return float(excess.sum()) / max(scatter, 1e-300), variance
 
 
-def _sums(times: Array, x: Array) -> tuple[float, float, float, float]:
+def neighbours(times: Array, x: Array) -> tuple[float, float, float, float]:
     """The excess along the motion, the squared speeds beside it, their number; what is across."""
+    reach = min(_REACH, (len(times) - 1) // 2)
+    if loops.there():
+        found, work = np.empty(4), np.empty(10 * len(times))
+        place, wide, _ = loops.strided(x)
+        loops.call(
+            "stamp_sums", loops.doubles(times), place, wide, len(x), reach, _CLIPPED, work, found
+        )
+        excess, squares, count, lateral = found.tolist()
+        return excess, squares, count, lateral
     whole = times[2:] - times[:-2]
     before = (times[2:] - times[1:-1]) / whole
     after = 1.0 - before
     residual = x[1:-1] - before[:, None] * x[:-2] - after[:, None] * x[2:]
-    reach = min(8, (len(times) - 1) // 2)
     index = np.arange(1, len(times) - 1)
     low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(times) - 1)
     velocity = (x[high] - x[low]) / (times[high] - times[low])[:, None]
@@ -216,13 +229,13 @@ def _sums(times: Array, x: Array) -> tuple[float, float, float, float]:
     along = (residual * direction).sum(axis=1)
     across = residual - along[:, None] * direction
     weight = before[1:] + after[:-1]
-    lateral = 0.5 * (across[:-1] * across[1:]).sum(axis=1)
-    products = along[:-1] * along[1:] - lateral
+    sideways = 0.5 * (across[:-1] * across[1:]).sum(axis=1)
+    products = along[:-1] * along[1:] - sideways
     moving = (speed[:-1] > 0.0) & (speed[1:] > 0.0) & (weight > 0.0)
     # Divided by the weight it would give the bursts, where the weight is small, all the say.
     return (
         float(-products[moving].sum()),
         float((weight * speed[:-1] * speed[1:])[moving].sum()),
         float(moving.sum()),
-        float(-lateral[moving].sum()),
+        float(-sideways[moving].sum()),
     )

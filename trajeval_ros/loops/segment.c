@@ -1,0 +1,100 @@
+/* Copyright 2026 The trajeval_ros authors
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * What lessons look at in a segment's coordinates: whether it moves (`ground_truth/lessons.py`), and
+ * what neighbouring residuals say of its stamps (`ground_truth/stamps.py`, which has the formulas).
+ */
+#include "loops.h"
+
+#include <stdlib.h>
+
+static double norm(const double *v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+/* Of coordinates x (n, 6), n >= 2, the largest standard deviation of translation and rotation,
+ * spread (2), and of what neighbours differ by, over sqrt(2), noise (2). */
+int segment_spread(const double *x, int64_t n, double *spread, double *noise)
+{
+    for (int64_t g = 0; g < 2; g++)
+        spread[g] = noise[g] = 0.0;
+    for (int64_t j = 0; j < 6; j++) {
+        double mean = 0.0, square = 0.0, difference = 0.0;
+        for (int64_t i = 0; i < n; i++)
+            mean += x[6 * i + j];
+        mean /= (double)n;
+        for (int64_t i = 0; i < n; i++) {
+            const double off = x[6 * i + j] - mean;
+            square += off * off;
+            const double step = i ? x[6 * i + j] - x[6 * i - 6 + j] : 0.0;
+            difference += step * step;
+        }
+        spread[j / 3] = fmax(spread[j / 3], sqrt(square / (double)n));
+        noise[j / 3] = fmax(noise[j / 3], sqrt(0.5 * difference / (double)(n - 1)));
+    }
+    return 0;
+}
+
+static int in_order(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* The median of values (n,), which are put in order. */
+static double median(double *values, int64_t n)
+{
+    qsort(values, (size_t)n, sizeof *values, in_order);
+    return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
+}
+
+/* Of times (n,) and three coordinates x (n, 3), `wide` numbers from row to row, n >= 3: the excess
+ * along the motion, the squared speeds beside it, their number, and what is across: found (4). Single
+ * residuals count as no more than sqrt(clipped) times the median of their squares; velocities are
+ * those between so many samples before and after at most. work (10 n). */
+int stamp_sums(const double *times, const double *x, int64_t wide, int64_t n, int64_t reach,
+               double clipped, double *work, double *found)
+{
+    const int64_t m = n - 2;
+    double *shares = work, *speeds = shares + m, *along = speeds + m, *across = along + m;
+    double *residuals = across + 3 * m, *squares = residuals + 3 * m;
+    for (int64_t k = 0; k < m; k++) {
+        const double *rows = x + k * wide, *here = rows + wide;
+        shares[k] = (times[k + 2] - times[k + 1]) / (times[k + 2] - times[k]);
+        for (int64_t j = 0; j < 3; j++)
+            residuals[3 * k + j] =
+                here[j] - shares[k] * rows[j] - (1.0 - shares[k]) * rows[2 * wide + j];
+        const double *r = residuals + 3 * k;
+        squares[k] = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+    }
+    const double limit = sqrt(clipped * median(squares, m));
+    for (int64_t k = 0; k < m; k++) {
+        const int64_t low = k + 1 > reach ? k + 1 - reach : 0;
+        const int64_t high = k + 1 + reach < n ? k + 1 + reach : n - 1;
+        double velocity[3], *r = residuals + 3 * k;
+        for (int64_t j = 0; j < 3; j++)
+            velocity[j] = (x[high * wide + j] - x[low * wide + j]) / (times[high] - times[low]);
+        const double size = norm(r), factor = size > limit ? limit / size : 1.0;
+        speeds[k] = norm(velocity);
+        const double unit = speeds[k] > 0.0 ? speeds[k] : 1.0;
+        along[k] = 0.0;
+        for (int64_t j = 0; j < 3; j++) {
+            r[j] *= factor;
+            velocity[j] /= unit;
+            along[k] += r[j] * velocity[j];
+        }
+        for (int64_t j = 0; j < 3; j++)
+            across[3 * k + j] = r[j] - along[k] * velocity[j];
+    }
+    for (int64_t i = 0; i < 4; i++)
+        found[i] = 0.0;
+    for (int64_t k = 0; k + 1 < m; k++) {
+        const double *a = across + 3 * k, weight = shares[k + 1] + (1.0 - shares[k]);
+        const double lateral = 0.5 * (a[0] * a[3] + a[1] * a[4] + a[2] * a[5]);
+        if (!(speeds[k] > 0.0 && speeds[k + 1] > 0.0 && weight > 0.0))
+            continue;
+        found[0] -= along[k] * along[k + 1] - lateral;
+        found[1] += weight * speeds[k] * speeds[k + 1];
+        found[2] += 1.0;
+        found[3] -= lateral;
+    }
+    return 0;
+}
