@@ -142,6 +142,16 @@ def test_errors_are_the_conventional_ones(gauge: str) -> None:
     assert found.re_translation is not None
     assert rms(found.re_translation[chosen]) == pytest.approx(known.re_translation_rmse, rel=1e-9)
     assert rms(found.re_rotation[chosen]) == pytest.approx(known.re_rotation_rmse, rel=1e-9)
+    # Of figures that were there already, in other pieces, they are the same.
+    halves = RunningConventional(gauge, 1.0, "s")  # type: ignore[arg-type]
+    for half in (slice(70), slice(70, None)):
+        halves.update(estimate.stamps[half], estimate.ground_truth[half], estimate.estimate[half])
+        halves.figures()
+    again = errors_of(estimate, begin, end, gauge, 1.0, "s", halves.figures())  # type: ignore[arg-type]
+    for one, other in zip(found, again, strict=True):
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-12)
 
 
 def rms(errors: Array) -> float:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from trajeval_ros import se3
 from trajeval_ros.alignment.umeyama import Gauge
 from trajeval_ros.comparison.common import Evaluated, Indices
-from trajeval_ros.conventional.running import RunningConventional
+from trajeval_ros.conventional.running import ConventionalFigures, RunningConventional
 from trajeval_ros.conventional.step_pairs import StepUnit
 from trajeval_ros.conventional.sub_trajectories import errors_between
 
@@ -59,16 +59,25 @@ def steps(evaluated: Evaluated, delta: float, unit: StepUnit) -> tuple[Indices, 
 
 
 def errors_of(
-    evaluated: Evaluated, begin: Indices, end: Indices, gauge: Gauge, delta: float, unit: StepUnit
+    evaluated: Evaluated,
+    begin: Indices,
+    end: Indices,
+    gauge: Gauge,
+    delta: float,
+    unit: StepUnit,
+    known: ConventionalFigures | None = None,
 ) -> Errors:
     """The errors of an estimate, and of its steps from `begin` to `end`, (K,) each.
+
+    `known`: the figures of these very poses, where somebody has them.
 
     Raises:
         ValueError: an unknown gauge or unit, or a delta that is not positive and finite.
     """
-    running = RunningConventional(gauge, delta, unit)
-    running.update(evaluated.stamps, evaluated.ground_truth, evaluated.estimate)
-    known = running.figures()
+    if known is None:
+        running = RunningConventional(gauge, delta, unit)
+        running.update(evaluated.stamps, evaluated.ground_truth, evaluated.estimate)
+        known = running.figures()
     alignment = known.alignment
     ate_translation = ate_rotation = re_translation = None
     if alignment is not None and known.ate_translation_rmse is not None:

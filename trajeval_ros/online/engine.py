@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.conventional.running import ConventionalFigures
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.ground_truth.lessons import Lesson
 from trajeval_ros.ground_truth.process import Process
@@ -251,6 +252,10 @@ class Engine:
         That is ``window`` and ``conventional.distributions``.
         """
         return self._track(name).figures()
+
+    def conventional(self, name: str | None = None) -> ConventionalFigures:
+        """The conventional figures of the run."""
+        return self._track(name).conventional
 
     def summary(self, name: str | None = None) -> dict[str, object]:
         """Return the figures of an estimate's run so far, as ``summary.json`` has them."""

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN
+from trajeval_ros.conventional.running import ENOUGH_TO_ALIGN, ConventionalFigures
 from trajeval_ros.error_model.nuisances import Truth
 from trajeval_ros.ground_truth.joint import JointCovariance
 from trajeval_ros.ground_truth.segment import Samples
@@ -543,6 +543,11 @@ class Track:
             return self._evaluation.consistency
         found = self._evaluation.positions
         return None if found is None else found.consistency
+
+    @property
+    def conventional(self) -> ConventionalFigures:
+        """The conventional figures of the run."""
+        return self._evaluation.conventional.figures()
 
     def figures(self) -> dict[str, object]:
         """Return the summary without what takes milliseconds.

@@ -19,7 +19,7 @@ from trajeval_ros import se3
 from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.errors import Errors, errors_of, steps
 from trajeval_ros.comparison.interval import interval_of
-from trajeval_ros.conventional.running import RunningConventional
+from trajeval_ros.conventional.running import ConventionalFigures, RunningConventional
 from trajeval_ros.diagnosis.fitted import (
     beyond_doubt,
     lever_arm_is_beyond_doubt,
@@ -47,11 +47,13 @@ def with_headline(
     offset: int,
     start: int,
     settings: EvaluationSettings,
+    known: ConventionalFigures,
 ) -> Figures:
     """Return a summary with its ``headline``.
 
     ``evaluations``: all of the run; ``offset`` (ns) is what is added to the estimate's
-    stamps, and ``start`` (ns) the beginning of the run, both on the ground truth's clock.
+    stamps, and ``start`` (ns) the beginning of the run, both on the ground truth's clock;
+    ``known``: the summary's conventional figures.
     """
     if not evaluations.sampled.any():
         return {**summary, "headline": None}
@@ -63,7 +65,11 @@ def with_headline(
         settings.relative_delta,
         settings.relative_unit,
     )
-    errors = errors_of(evaluated, *steps(evaluated, delta, unit), gauge, delta, unit)
+    # Not those of positions; and of a ground truth sparser than the estimate they are at its own
+    # instants.
+    alike = not summary.get("position_only") and conventional["at"] == "estimate"
+    known_here = known if alike and known.poses == len(evaluated) else None
+    errors = errors_of(evaluated, *steps(evaluated, delta, unit), gauge, delta, unit, known_here)
     stds = [_largest_std(truth.covariances[:, part, part]) for part in (slice(3), slice(3, 6))]
     worst = _worst(errors, truth.stamps, stds[0], start)
     if worst is not None and conventional.get("ate_rotation_rmse") is None:

@@ -280,7 +280,9 @@ def completed(
         start = min(int(truth.stamps.min()), int(estimate.stamps.min()) + offset)
         summary = shield(
             "the headline",
-            lambda: with_headline(summary, kept.evaluations, offset, start, evaluation),
+            lambda: with_headline(
+                *(summary, kept.evaluations, offset, start, evaluation, engine.conventional(name))
+            ),
             summary,
             report.say,
         )
