@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from trajeval_ros.charts import ESTIMATE_COLOURS, numbers
 from trajeval_ros.charts.arrays import extremes
+from trajeval_ros.likelihood.tails import even_chi2_quantile
 from trajeval_ros.report.coverage import SECOND, Coverage
 from trajeval_ros.report.moments import Moment, moments
 from trajeval_ros.report.series import (
@@ -38,6 +39,8 @@ _LIKELIHOODS, _FEWEST_LIKELIHOODS = 800, 200
 _WAY = 900
 _ELLIPSOIDS = 150
 _SMOOTH = 150
+# Between this quantile of the normal distribution and its negative lie 99 %.
+_USUAL = 2.5758293035489004
 # On a linear scale the usual error is to be seen beside the largest.
 _MOST_TIMES_THE_USUAL = 40.0
 # An origin of its own where the place is so many times further off than the run is wide.
@@ -171,14 +174,11 @@ def _likelihood(one: Shown, series: Series, seconds: Array, of: int) -> Values:
             del values[name]
     smooth = np.flatnonzero(known)
     if len(smooth) > 1:
-        # Only here: its import takes longer than all of the page.
-        from scipy.special import chdtri
-
         smooth = smooth[extremes([dof[smooth]], _SMOOTH)]
         values["usual"] = {
             "times": numbers(seconds[smooth]),
-            "low": numbers(chdtri(dof[smooth], 0.995) / dof[smooth]),
-            "high": numbers(chdtri(dof[smooth], 0.005) / dof[smooth]),
+            "low": numbers(even_chi2_quantile(dof[smooth], -_USUAL) / dof[smooth]),
+            "high": numbers(even_chi2_quantile(dof[smooth], _USUAL) / dof[smooth]),
         }
     return values
 
