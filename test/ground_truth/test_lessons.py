@@ -55,6 +55,21 @@ def test_lessons_come_at_sums_of_moving_segments():
     assert at == [int(np.argmax(covered >= seconds)) for seconds in (8.0, 16.0, 32.0, 64.0)]
 
 
+def test_what_turns_moves_however_rare_its_samples_are():
+    """Of a hand-held camera at 1 Hz neighbours differ as much as all samples do."""
+    lessons, rng = Lessons(MODELS["matern52"], ACCURACY), np.random.default_rng(5)
+    at, learned = [], []
+    for i in range(9):
+        xi = rng.normal(0.0, 1.0, (8, 6)) * [0.3, 0.3, 0.3, 0.4, 0.4, 0.4]
+        stamps = ((8 * i + np.arange(8)) * 1e9).astype(np.int64)
+        found = taught(lessons, [Segment(Samples(stamps, se3.exp(xi)))])
+        at += [i] * len(found)
+        learned += found
+    # At 8, 16 and 32 s of segments of 7 s.
+    assert at == [1, 2, 4]
+    assert all(each is not None for each in learned)
+
+
 def test_rest_alone_teaches_its_noise():
     still = [segment(2.0 * i, False, i) for i in range(18)]
     (process,) = taught(Lessons(MODELS["matern52"], (1e-5, 1e-5)), still)

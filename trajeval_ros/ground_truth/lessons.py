@@ -27,7 +27,9 @@ _FIRST = 8_000_000_000
 # A robot that does not move teaches nothing; after so much of it (ns) that must do.
 _LATEST = 30_000_000_000
 # A segment moves when the spread of its coordinates exceeds the noise that is there so much: white
-# noise alone has a ratio of one, and of eight samples hardly ever more than this.
+# noise alone has a ratio of one, and of eight samples hardly ever more than this. Where samples are
+# so rare that neighbours differ as much as all do, it moves where it turns by more than any noise
+# does, rad.
 _MOVING = 2.5
 _TURNING = 0.5
 # Learning costs the same at any rate and after any time: of each segment every k-th sample, so that
@@ -158,7 +160,6 @@ class Lessons:
             *_thinned(moving, SEGMENTS),
             *_thinned(still, SEGMENTS if not moving else SEGMENTS // 4),
         ]
-        moves = bool(moving) or any(_turns(segment) for segment in still)
         while self._due <= self._moving.covered:
             self._due *= 2
         self._changed = 0
@@ -169,7 +170,7 @@ class Lessons:
             self._exact_stamps,
             moving,
             segments,
-            moves,
+            bool(moving),
             before,
             self.lacks_orientation,
         )
@@ -201,11 +202,13 @@ def _thinned(segments: list[Segment], count: int) -> list[Segment]:
 
 
 def _moves(segment: Segment) -> bool:
-    """Whether the coordinates' spread exceeds what neighbouring samples differ by."""
-    if len(segment) < 3:
-        return False
-    spread, noise = spread_and_noise(segment.coordinates)
-    return any(wide > _MOVING * rough for wide, rough in zip(spread, noise, strict=True))
+    """Whether the coordinates' spread exceeds what neighbouring samples differ by, or it turns."""
+    x = segment.coordinates
+    if len(segment) >= 3:
+        spread, noise = spread_and_noise(x)
+        if any(wide > _MOVING * rough for wide, rough in zip(spread, noise, strict=True)):
+            return True
+    return bool(np.abs(x[:, 3:]).max() > _TURNING)
 
 
 def spread_and_noise(x: Array) -> tuple[Sequence[float], Sequence[float]]:
@@ -220,11 +223,6 @@ def spread_and_noise(x: Array) -> tuple[Sequence[float], Sequence[float]]:
     spread = x.std(axis=0).reshape(2, 3).max(axis=1)
     noise = np.sqrt(0.5 * np.mean(np.diff(x, axis=0) ** 2, axis=0)).reshape(2, 3).max(axis=1)
     return spread.tolist(), noise.tolist()
-
-
-def _turns(segment: Segment) -> bool:
-    """Whether it turns by more than any noise does, however few its samples are."""
-    return bool(np.abs(segment.coordinates[:, 3:]).max() > _TURNING)
 
 
 def _stamp_stds(segments: Sequence[Segment], accuracy: tuple[float, float]) -> tuple[float, float]:
