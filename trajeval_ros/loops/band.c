@@ -128,11 +128,62 @@ static double logarithm(const Logarithm *sum)
     return log(sum->fraction) + (double)sum->exponent * log(2.0);
 }
 
+/* LANES numbers, wherever they lie. */
+typedef double Lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double)),
+                                    may_alias));
+
+/* What becomes of a row: the sum of others' shares, or that more or less. */
+typedef enum { SET, ADD, TAKE } How;
+
+/* Into a row (width) goes the sum over q < n of shares[q * apart] times row q of b, whose rows are
+ * ``wide`` apart; sums stay in registers. */
+LOOPS_PART void combine(How how, double *row, const double *shares, int64_t apart,
+                        const double *b, int64_t wide, int64_t n, int64_t width)
+{
+    const Lanes none = {0.0};
+    int64_t l = 0;
+    for (; l + 3 * LANES <= width; l += 3 * LANES) {
+        Lanes *to = (Lanes *)(row + l), *to1 = (Lanes *)(row + l + LANES);
+        Lanes *to2 = (Lanes *)(row + l + 2 * LANES);
+        Lanes sum = how == SET ? none : *to, sum1 = how == SET ? none : *to1;
+        Lanes sum2 = how == SET ? none : *to2;
+        for (int64_t q = 0; q < n; q++) {
+            const double share = shares[q * apart], *from = b + q * wide + l;
+            const Lanes part = share * *(const Lanes *)from;
+            const Lanes part1 = share * *(const Lanes *)(from + LANES);
+            const Lanes part2 = share * *(const Lanes *)(from + 2 * LANES);
+            sum = how == TAKE ? sum - part : sum + part;
+            sum1 = how == TAKE ? sum1 - part1 : sum1 + part1;
+            sum2 = how == TAKE ? sum2 - part2 : sum2 + part2;
+        }
+        *to = sum;
+        *to1 = sum1;
+        *to2 = sum2;
+    }
+    for (; l + LANES <= width; l += LANES) {
+        Lanes *to = (Lanes *)(row + l), sum = how == SET ? none : *to;
+        for (int64_t q = 0; q < n; q++) {
+            const Lanes part = shares[q * apart] * *(const Lanes *)(b + q * wide + l);
+            sum = how == TAKE ? sum - part : sum + part;
+        }
+        *to = sum;
+    }
+    for (l = width - width % LANES; l < width; l++) {
+        double sum = how == SET ? 0.0 : row[l];
+        for (int64_t q = 0; q < n; q++) {
+            const double part = shares[q * apart] * b[q * wide + l];
+            sum = how == TAKE ? sum - part : sum + part;
+        }
+        row[l] = sum;
+    }
+}
+
 /* [A | B] (m, width) -> [U | U^-T B] in place, U' U = A; 1 where A is not positive definite. */
 LOOPS_PART int eliminate(double *rows, int64_t m, int64_t width, Logarithm *determinant)
 {
     for (int64_t j = 0; j < m; j++) {
         double *row = rows + j * width;
+        combine(TAKE, row, rows + j, width, rows, width, j, width);
         double pivot = row[j];
         if (!(pivot > 0.0 && pivot <= DBL_MAX))
             return 1;
@@ -141,8 +192,6 @@ LOOPS_PART int eliminate(double *rows, int64_t m, int64_t width, Logarithm *dete
         for (int64_t l = 0; l < j; l++)
             row[l] = 0.0;
         times(row, scale, width);
-        for (int64_t r = j + 1; r < m; r++)
-            take(rows + r * width, row[r], row, width);
     }
     return 0;
 }
@@ -152,8 +201,7 @@ LOOPS_PART void substitute(const double *u, int64_t stride, double *b, int64_t m
 {
     for (int64_t r = m - 1; r >= 0; r--) {
         double *row = b + r * width;
-        for (int64_t q = r + 1; q < m; q++)
-            take(row, u[r * stride + q], b + q * width, width);
+        combine(TAKE, row, u + r * stride + r + 1, 1, row + width, width, m - 1 - r, width);
         times(row, 1.0 / u[r * stride + r], width);
     }
 }
@@ -163,8 +211,7 @@ LOOPS_PART void substitute_forward(const double *u, int64_t stride, double *b, i
                                    int64_t width)
 {
     for (int64_t r = 0; r < m; r++) {
-        for (int64_t q = 0; q < r; q++)
-            take(b + r * width, u[q * stride + r], b + q * width, width);
+        combine(TAKE, b + r * width, u + r, stride, b, width, r, width);
         times(b + r * width, 1.0 / u[r * stride + r], width);
     }
 }
@@ -173,10 +220,8 @@ LOOPS_PART void substitute_forward(const double *u, int64_t stride, double *b, i
 LOOPS_PART void multiplied(const double *a, int64_t stride, const double *b, double *into,
                            int64_t m, int64_t n, int64_t width)
 {
-    memset(into, 0, sizeof(double) * (size_t)(m * width));
     for (int64_t r = 0; r < m; r++)
-        for (int64_t q = 0; q < n; q++)
-            add(into + r * width, a[r * stride + q], b + q * width, width);
+        combine(SET, into + r * width, a + r * stride, 1, b, width, n, width);
 }
 
 /* What round-off makes of a symmetric matrix (m, m) is made one again. */
@@ -358,16 +403,14 @@ LOOPS_PART void update(const double *noise, const double *root, const double *ga
 {
     const int64_t m = POSE * k;
     double g[POSE * STATES], seen[POSE * STATES];
-    for (int64_t q = 0; q < POSE; q++)
-        for (int64_t r = 0; r < m; r++)
-            add(x + r * lanes, gain[q * m + r], white + q * lanes, lanes);
+    for (int64_t r = 0; r < m; r++)
+        combine(ADD, x + r * lanes, gain + r, m, white, lanes, POSE, lanes);
     /* H C = R G', no difference; of what the pose does not see, C = P - gain' gain. */
     memcpy(g, gain, sizeof(double) * (size_t)(POSE * m));
     substitute(root, POSE, g, POSE, m);
     multiplied(noise, POSE, g, seen, POSE, POSE, m);
     for (int64_t r = POSE; r < m; r++)
-        for (int64_t q = 0; q < POSE; q++)
-            take(known + r * m, gain[q * m + r], gain + q * m, m);
+        combine(TAKE, known + r * m + POSE, gain + r, m, gain + POSE, m, POSE, m - POSE);
     for (int64_t r = 0; r < POSE; r++) {
         for (int64_t q = 0; q < POSE; q++)
             known[r * m + q] = 0.5 * (seen[r * m + q] + seen[q * m + r]);
@@ -430,9 +473,9 @@ LOOPS_PART int filter(const System *system, double *kept, double *normal, double
                 memcpy(pose + r * POSE, row, sizeof(double) * POSE);
                 memcpy(pose + at.gain + r * m, row + PADDED, sizeof(double) * (size_t)m);
                 memcpy(white + r * lanes, row + PADDED + m, sizeof(double) * (size_t)lanes);
-                for (int64_t l = 0; l < lanes; l++)
-                    add(normal + l * lanes, row[PADDED + m + l], row + PADDED + m, lanes);
             }
+            for (int64_t l = 0; l < lanes; l++)
+                combine(ADD, normal + l * lanes, white + l, lanes, white, lanes, POSE, lanes);
             update(noise, pose, pose + at.gain, white, known, x, k, lanes);
         }
         if (k > 1)
@@ -596,14 +639,12 @@ LOOPS_PART void last_of(const System *system, const double *pose, const double *
             memcpy(seen + r * m, noise + r * PADDED, sizeof(double) * POSE);
             continue;
         }
-        for (int64_t q = 0; q < POSE; q++)
-            add(seen + r * m, noise[r * PADDED + q], rows + q * width, m);
+        combine(SET, seen + r * m, noise + r * PADDED, 1, rows, width, POSE, m);
     }
     if (k == 1) {
         multiplied(residual, lanes, ends, last, POSE, lanes, lanes);
         for (int64_t r = 0; r < POSE; r++)
-            for (int64_t q = 0; q < POSE; q++)
-                take(last + r * lanes, noise[r * PADDED + q], score + q * lanes, lanes);
+            combine(TAKE, last + r * lanes, noise + r * PADDED, 1, score, lanes, POSE, lanes);
         memcpy(known, seen, sizeof(double) * (size_t)(POSE * m));
         return;
     }
@@ -613,8 +654,7 @@ LOOPS_PART void last_of(const System *system, const double *pose, const double *
             known[r * m + q] = seen[q * m + POSE + r];
             known[r * m + POSE + q] = pose[place.known + r * POSE + q];
         }
-        for (int64_t q = 0; q < m; q++)
-            add(last + r * lanes, known[r * m + q], back->score + q * lanes, lanes);
+        combine(ADD, last + r * lanes, known + r * m, 1, back->score, lanes, m, lanes);
     }
 }
 
@@ -627,8 +667,7 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
     const int timed = k > 1 || !is_flat(system);
     const Places place = places_of(k, lanes);
     double errors[MOST_LANES];
-    Later later, back;
-    memset(&later, 0, sizeof later);
+    Later both_ways[2], *later = both_ways, *back = both_ways + 1;
     memset(told->crossed, 0, sizeof(double) * (size_t)(2 * k * (count - 1)));
     memset(told->first, 0, sizeof(double) * 2);
     for (int64_t l = 0; l < lanes; l++)
@@ -643,9 +682,9 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
         Step step = {0};
         if (i + 1 < count) {
             step = step_of(system, i, k);
-            pull_back(&step, &later, &back, k, lanes);
+            pull_back(&step, later, back, k, lanes);
         } else {
-            memset(&back, 0, sizeof back);
+            memset(back, 0, sizeof *back);
         }
         /* [G' | S^-1 nu | S^-1] */
         memset(rows, 0, sizeof(double) * (size_t)(POSE * width));
@@ -656,11 +695,9 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
                 continue;
             }
             memcpy(row, pose + place.gain + r * m, sizeof(double) * (size_t)m);
-            for (int64_t l = 0; l < lanes; l++)
-                add(row + m, pose[place.white + r * lanes + l], ends + l * lanes, lanes);
+            combine(SET, row + m, pose + place.white + r * lanes, 1, ends, lanes, lanes, lanes);
             row[m + lanes + r] = 1.0;
-            for (int64_t q = 0; q < r; q++)
-                take(row + m + lanes, pose[q * POSE + r], rows + q * width + m + lanes, PADDED);
+            combine(TAKE, row + m + lanes, pose + r, POSE, rows + m + lanes, width, r, PADDED);
             times(row + m + lanes, 1.0 / pose[r * POSE + r], PADDED);
         }
         if (!flat)
@@ -669,10 +706,9 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
         for (int64_t r = 0; r < POSE; r++) {
             const double *row = rows + r * width;
             memcpy(score + r * lanes, row + m, sizeof(double) * (size_t)lanes);
-            for (int64_t q = 0; q < m; q++)
-                take(score + r * lanes, row[q], back.score + q * lanes, lanes);
+            combine(TAKE, score + r * lanes, row, 1, back->score, lanes, m, lanes);
         }
-        multiplied(rows, width, back.spread, taken, POSE, m, m);
+        multiplied(rows, width, back->spread, taken, POSE, m, m);
         without(score, columns, POSE, lanes, at);
         for (int64_t g = 0; g < 2; g++) {
             double square = 0.0, informed = 0.0;
@@ -697,37 +733,38 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
             told->states[m * i + r] = state;
         }
         if (timed) {
-            last_of(system, pose, rows, noise, residual, score, &back, ends, last, known, i, k,
+            last_of(system, pose, rows, noise, residual, score, back, ends, last, known, i, k,
                     lanes);
             if (k > 1)
                 for (int64_t r = 0; r < POSE; r++)
                     told->states[m * i + POSE + r] = last[r * lanes + at];
             if (i + 1 < count)
-                tell_crossed(&step, &later, last, known, told, i, count - 1, k, lanes);
+                tell_crossed(&step, later, last, known, told, i, count - 1, k, lanes);
             if (i == 0)
-                tell_first(&back, last, known, told, k, lanes, at);
+                tell_first(back, last, known, told, k, lanes, at);
         }
         if (i + 1 < count)
-            tell_step(&later, told, i, count - 1, k, lanes, at);
+            tell_step(later, told, i, count - 1, k, lanes, at);
         /* (1 - G H)': S^-1 R, and -G' of what is not seen. */
         for (int64_t r = 0; r < POSE; r++) {
-            double row[PADDED] = {0.0};
-            for (int64_t q = 0; q < POSE; q++)
-                add(row, rows[r * width + m + lanes + q], noise + q * PADDED, PADDED);
+            double row[PADDED];
+            combine(SET, row, rows + r * width + m + lanes, 1, noise, PADDED, POSE, PADDED);
             memcpy(rest + r * m, row, sizeof(double) * POSE);
             for (int64_t q = POSE; q < m; q++)
                 rest[r * m + q] = -rows[r * width + q];
         }
-        multiplied(rest, m, back.spread, both, POSE, m, m);
-        memcpy(&later, &back, sizeof later);
+        multiplied(rest, m, back->spread, both, POSE, m, m);
         for (int64_t r = 0; r < POSE; r++) {
-            add(later.score + r * lanes, 1.0, score + r * lanes, lanes);
+            add(back->score + r * lanes, 1.0, score + r * lanes, lanes);
             for (int64_t q = 0; q < POSE; q++)
-                later.spread[r * m + q] =
+                back->spread[r * m + q] =
                     rows[r * width + m + lanes + q] + dot(both + r * m, rest + q * m, m);
             for (int64_t q = POSE; q < m; q++)
-                later.spread[r * m + q] = later.spread[q * m + r] = both[r * m + q];
+                back->spread[r * m + q] = back->spread[q * m + r] = both[r * m + q];
         }
+        Later *const gone = later;
+        later = back;
+        back = gone;
     }
 }
 
@@ -840,15 +877,12 @@ LOOPS_PART void average(const System *system, const double *kept, const Slopes *
                 take(apart + r * BOTH, 1.0, seen + r * BOTH, BOTH);
         } else {
             substitute_forward(pose, POSE, seen, POSE, BOTH);
-            for (int64_t q = 0; q < POSE; q++) {
-                const double *h = seen + q * BOTH;
-                for (int64_t j = 0; j < BOTH; j++)
-                    add(found + j * BOTH, h[j], h, BOTH);
-                for (int64_t l = 0; l < lanes; l++)
-                    add(ahead + l * BOTH, white[q * lanes + l], h, BOTH);
-                for (int64_t r = 0; r < m; r++)
-                    take(apart + r * BOTH, pose[place.gain + q * m + r], h, BOTH);
-            }
+            for (int64_t j = 0; j < BOTH; j++)
+                combine(ADD, found + j * BOTH, seen + j, BOTH, seen, BOTH, POSE, BOTH);
+            for (int64_t l = 0; l < lanes; l++)
+                combine(ADD, ahead + l * BOTH, white + l, lanes, seen, BOTH, POSE, BOTH);
+            for (int64_t r = 0; r < m; r++)
+                combine(TAKE, apart + r * BOTH, pose + place.gain + r, m, seen, BOTH, POSE, BOTH);
         }
         if (i + 1 < system->count) {
             const Step step = step_of(system, i, k);
