@@ -101,10 +101,13 @@ static inline double nats(double square, double rest, double factor, double kapp
 static inline double likeliest(double square, double rest, double own, double now, double kappa,
                                double rare, double *gain)
 {
+    *gain = 0.0;
+    /* The larger root is below twice its half; mostly that is below 1. */
+    if (now == 1.0 && square - (3.0 + 4.0 * kappa) * rest < rare * own)
+        return 1.0;
     const double scale = 1.0 / fmax(own, 1e-300);
     square *= scale;
     rest *= scale;
-    *gain = 0.0;
     const double half = 0.5 * (square - (3.0 + 4.0 * kappa) * rest);
     const double below = half * half - 2.0 * kappa * rare * rest * rest;
     /* The larger root, if there is one beyond 1. */
