@@ -13,7 +13,7 @@ import signal
 import sys
 import time
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -34,8 +34,9 @@ _FASTEST = 10.0
 _SIMULATED_SECONDS = 80.0
 
 _READY_PATIENCE = 30.0
-_SETTLE_PATIENCE = 10.0
-_SHUTDOWN_PATIENCE = 20.0
+# On a busy machine; both end as soon as all is there. A second Ctrl-C does not wait.
+_SETTLE_PATIENCE = 30.0
+_SHUTDOWN_PATIENCE = 60.0
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -158,7 +159,9 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str], p
     with (
         page,
         Monitor(state) as monitor,
-        Child("trajeval_ros.node.main", node_arguments, output / "evaluator.log") as node,
+        Child(
+            "trajeval_ros.node.main", node_arguments, output / "evaluator.log", _SHUTDOWN_PATIENCE
+        ) as node,
         live.make_view() as view,
     ):
         state.phase = "starting"
@@ -167,6 +170,7 @@ def _run(data: inputs.Inputs, output: Path, rate: float, files: Sequence[str], p
         with Child("trajeval_ros.commands.replay", player_arguments, log) as player:
             _watch(monitor, view, state, node, player, rate, page)
         published = _published(player, data.names)
+        _settle(monitor, view, state, node, published)
         state.phase = "writing the results"
         code = node.interrupt(_SHUTDOWN_PATIENCE)
     if code != 0:
@@ -239,7 +243,7 @@ def _wait(monitor: Any, view: Any, state: Any, node: Child, page: _Page) -> None
 def _watch(
     monitor: Any, view: Any, state: Any, node: Child, player: Child, rate: float, page: _Page
 ) -> None:
-    """Show the run until the player is done and the node has taken in what it was sent."""
+    """Show the run until the player is done."""
     while player.exit_code() is None:
         monitor.listen(0.05)
         page.offer(state)
@@ -248,16 +252,24 @@ def _watch(
         _check_alive(node)
     if player.exit_code() != 0:
         raise console.CommandError(f"the player failed: {player.last_words()}")
+
+
+def _settle(monitor: Any, view: Any, state: Any, node: Child, published: Mapping[str, int]) -> None:
+    """Wait until the node's health has counted what was acknowledged, that is, in its queue."""
+
+    def is_all_there() -> bool:
+        known = {name.replace(" ", "_"): health for name, health in state.health.items()}
+        return all(
+            topic in known and int(known[topic].values.get("received", 0)) >= count
+            for topic, count in published.items()
+        )
+
     state.phase = "finishing"
-    # All is acknowledged, that is, in the node's queue; quiet means that the queue is empty.
     deadline = time.monotonic() + _SETTLE_PATIENCE
-    quiet_since, seen = time.monotonic(), state.messages
-    while time.monotonic() < deadline and time.monotonic() - quiet_since < 1.0:
+    while not is_all_there() and time.monotonic() < deadline:
         monitor.listen(0.05)
         view.show(state)
         _check_alive(node)
-        if state.messages != seen:
-            quiet_since, seen = time.monotonic(), state.messages
 
 
 def _check_alive(node: Child) -> None:

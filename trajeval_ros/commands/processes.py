@@ -17,12 +17,16 @@ class Child:
     """One of our own executables, run as ``python -m``; what it prints goes to a log file.
 
     In a process group of its own, so that Ctrl-C in the terminal reaches us alone and we end the
-    children in order.
+    children in order. At the end of the context it is interrupted, and killed where it has not
+    ended ``patience`` seconds later.
     """
 
-    def __init__(self, module: str, arguments: Sequence[str], log: Path) -> None:
+    def __init__(
+        self, module: str, arguments: Sequence[str], log: Path, patience: float = 5.0
+    ) -> None:
         self.name = module.rpartition(".")[2]
         self.log = log
+        self._patience = patience
         with log.open("wb") as output:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", module, *arguments],
@@ -61,7 +65,7 @@ class Child:
         traceback: TracebackType | None,
     ) -> None:
         try:
-            self.interrupt(5.0)
+            self.interrupt(self._patience)
         finally:
             # Interrupted ourselves.
             if self._process.poll() is None:
