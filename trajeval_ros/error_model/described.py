@@ -17,7 +17,7 @@ from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
 from trajeval_ros.error_model.nuisances import COUNT, PRIOR_STD, Nuisances
 from trajeval_ros.error_model.observed import shown, unobserved
 from trajeval_ros.error_model.process import GROUPS, Kind
-from trajeval_ros.error_model.search import Guess, by_group
+from trajeval_ros.error_model.search import Guess, by_one_group
 from trajeval_ros.error_model.stamping import Scatter
 from trajeval_ros.error_model.whiteness import autocorrelation
 
@@ -109,7 +109,7 @@ def _clock_by_group(nuisances: Nuisances, here: Likelihood, ratio: float) -> tup
     guess = Guess(here.kind, here.parameters, *here.weights, here.theta[:count], np.eye(count))
     return tuple(
         Figure(nuisances.clock_offset + float(theta[0]), ratio * float(covariance[0, 0]) ** 0.5)
-        for theta, covariance in by_group(guess, here.data, here.gauge)
+        for theta, covariance in by_one_group(guess, here.data, here.gauge)
     )
 
 

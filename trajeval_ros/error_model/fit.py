@@ -203,12 +203,13 @@ class _Problem:
         self._exact: tuple[Stamps, Truth] | None = None
         self._latest: tuple[Stamps, Truth] | None = None
         self._ready: tuple[Nuisances, Truth, tuple[Data, Array]] | None = None
+        self._part: tuple[Data, Array] | None = None
         self._stays_near = False
         self._scatter = 0.0
 
     def scatter_stamps(self, variance: float) -> None:
         """From now on the estimate's stamps have a variance, s²."""
-        self._scatter, self._ready = variance, None
+        self._scatter, self._ready, self._part = variance, None, None
 
     def stay_near(self) -> None:
         """Ask no more: live, nothing is known between poses that are far apart."""
@@ -335,13 +336,15 @@ class _Problem:
             or self._ready[0] is not nuisances
             or self._ready[1] is not reference
         ):
-            self._ready = None  # nothing is there twice
+            self._ready = self._part = None  # nothing is there twice
             self._ready = nuisances, reference, self._errors(nuisances, reference)
         data, gauge = self._ready[2]
         if not part or len(data.times) <= MANY:
             return data, gauge
-        chosen = stretches(len(data.times))
-        return part_of(data, chosen), gauge[chosen]
+        if self._part is None:
+            chosen = stretches(len(data.times))
+            self._part = part_of(data, chosen), gauge[chosen]
+        return self._part
 
     def _errors(self, nuisances: Nuisances, reference: Truth) -> tuple[Data, Array]:
         good = reference.valid

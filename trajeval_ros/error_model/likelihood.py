@@ -38,7 +38,7 @@ _LARGEST = 1e100
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Data:
     """What is fitted, of N poses.
 
@@ -58,6 +58,41 @@ class Data:
     measured: Array
     moved: Array
 
+    @cached_property
+    def intervals(self) -> Array:
+        """Between the poses, (N - 1,), s."""
+        return np.diff(self.times)
+
+    @cached_property
+    def shortest(self) -> float:
+        """The median interval, s."""
+        return float(np.median(self.intervals))
+
+    @cached_property
+    def variances(self) -> Array:
+        """Of the ground truth on the three axes of each group, (2, 3, N)."""
+        return np.ascontiguousarray(np.einsum("nii->in", self.covariance)).reshape(2, AXES, -1)
+
+    @cached_property
+    def known(self) -> Array:
+        """The standard deviation that the ground truth has of each group at the median, (2,)."""
+        return np.asarray(np.sqrt(np.median(self.variances, axis=2).mean(axis=1)))
+
+    @cached_property
+    def by_group(self) -> Array:
+        """Columns of the nuisances and, last, the errors; (2, N, 3, c + 1)."""
+        return by_group(self.nuisances, self.errors[..., None])
+
+
+def by_group(*columns: Array) -> Array:
+    """Columns (N, 6, c) beside each other, of translation and of rotation; (2, N, 3, all)."""
+    count, ends = len(columns[0]), np.cumsum([each.shape[2] for each in columns])
+    found = np.empty((2, count, AXES, int(ends[-1])))
+    for each, end in zip(columns, ends, strict=True):
+        part = found[..., end - each.shape[2] : end]
+        part[...] = each.reshape(count, 2, AXES, -1).swapaxes(0, 1)
+    return found
+
 
 class Likelihood:
     """The restricted likelihood at one ψ, and what the data say there of states and nuisances."""
@@ -74,7 +109,7 @@ class Likelihood:
         self.count = len(data.times)
         bounded = kind is Kind.WANDER
         self._steps = [
-            steps(kind, each, np.diff(data.times), factors)
+            steps(kind, each, data.intervals, factors)
             for each, factors in zip(parameters, data.moved.T, strict=True)
         ]
         self._jitter = np.exp(2.0 * parameters[:, 0])

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from trajeval_ros import loops
 from trajeval_ros.error_model.axes import Axes, climbed
-from trajeval_ros.error_model.likelihood import Data, Likelihood
+from trajeval_ros.error_model.likelihood import Data, Likelihood, by_group
 from trajeval_ros.error_model.maximum import penalised
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.series import Series
@@ -71,12 +71,10 @@ class Guess:
 
 def bounds(kind: Kind, data: Data) -> tuple[Array, Array]:
     """The least and the largest of each parameter, (2, p) each."""
-    intervals = np.diff(data.times)
     span = float(data.times[-1] - data.times[0])
-    shortest = float(np.median(intervals))
-    known = np.sqrt(np.median(np.einsum("nii->ni", data.covariance), axis=0).reshape(2, 3).mean(1))
+    shortest = data.shortest
     low, high = np.zeros((2, len(kind.names))), np.zeros((2, len(kind.names)))
-    for g, std in enumerate(known):
+    for g, std in enumerate(data.known):
         none = max(_NONE * float(std), _LEAST_STD)
         least = {"jitter_std": none, "drift_std": none / np.sqrt(span), "wander_std": none}
         least["velocity_std"] = none / span
@@ -96,7 +94,7 @@ def search(kind: Kind, data: Data, gauge: Array, gain: float, begin: Guess | Non
     return _Search(kind, data, gauge, gain).run(begin)
 
 
-def by_group(guess: Guess, data: Data, gauge: Array) -> list[tuple[Array, Array]]:
+def by_one_group(guess: Guess, data: Data, gauge: Array) -> list[tuple[Array, Array]]:
     """θ (c,) and its covariance by translations alone and by rotations alone, at a maximum."""
     return _Search(guess.kind, data, gauge, 0.0).alone(guess)
 
@@ -151,21 +149,16 @@ class _Search:
     def __init__(self, kind: Kind, data: Data, gauge: Array, gain: float) -> None:
         self._kind, self._data, self._gain = kind, data, gain
         self._low, self._high = bounds(kind, data)
-        columns = [data.nuisances, data.errors[..., None]]
         self._precision = data.precision
-        if kind is Kind.WANDER:
-            columns.insert(1, gauge)
-            self._precision = np.concatenate([data.precision, np.zeros(6)])
         # (2, N, 3, c + 1), the errors last.
-        count, ends = len(data.times), np.cumsum([each.shape[2] for each in columns])
-        self._both = np.empty((2, count, 3, int(ends[-1])))
-        for each, end in zip(columns, ends, strict=True):
-            part = self._both[..., end - each.shape[2] : end]
-            part[...] = each.reshape(count, 2, 3, -1).swapaxes(0, 1)
-        variance = np.einsum("nii->ni", data.covariance).reshape(-1, 2, 3).mean(axis=2)
-        intervals = np.diff(data.times)
+        if kind is Kind.WANDER:
+            self._both = by_group(data.nuisances, gauge, data.errors[..., None])
+            self._precision = np.concatenate([data.precision, np.zeros(6)])
+        else:
+            self._both = data.by_group
+        variance = data.variances.mean(axis=1)
         self._series = [
-            Series(intervals, self._both[g, ..., -1].T, variance[:, g], **_weights(data, g))
+            Series(data.intervals, self._both[g, ..., -1].T, variance[g], **_weights(data, g))
             for g in range(2)
         ]
 
