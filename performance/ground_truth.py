@@ -498,14 +498,17 @@ def hour_targets(rate: int = 1000, seconds: int = 3600, rounds: int = 40) -> Ite
     While they pass, batches are of 100 ms, and a query is answered every ten seconds only.
     """
     minute = min(60, seconds // 2)
+    often = max(minute // 30, 1)
     young, old = Live(rate), Live(rate)
     for passed in range(minute):
         young.second(int(passed % 10 == 9), 10)
     states, residents = [], []
     for passed in range(seconds):
         old.second(int(passed % 10 == 9), 10)
-        if passed % minute == minute - 1:
+        # Lessons keep more and more segments, and then half of them: a minute may miss the most.
+        if passed % often == often - 1:
             states.append(len(pickle.dumps(old.ground_truth)))
+        if passed % minute == minute - 1:
             residents.append(resident())
     times = in_turn(rounds, lambda: old.second(20), lambda: young.second(20))
     what = f"after {seconds // 60} min over after 1 min"
@@ -513,7 +516,7 @@ def hour_targets(rate: int = 1000, seconds: int = 3600, rounds: int = 40) -> Ite
     per_sample = float(np.median(times[:, 0])) / rate * 1e6
     yield Target("its cost, µs", "", f"{per_sample:.0f}", None)
     # Learning, which is over after a few minutes, is the hungriest.
-    early = max(states[: max(1, len(states) // 6)])
+    early = max(states[: max(minute, seconds // 6) // often])
     yield at_most(
         f"state in memory, largest of all {seconds // 60} min over that of the first sixth",
         max(states) / early,

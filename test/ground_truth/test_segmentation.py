@@ -21,7 +21,7 @@ from twins.ground_truths import (
 )
 from twins.runs import SECOND, START, motion
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.segmentation import Segmentation, SegmentShape
 
@@ -61,6 +61,32 @@ def asked(samples, count=300, seed=0):
     some = rng.integers(first, last + 1, count)
     every = np.concatenate([some, samples.stamps, samples.stamps - 1, samples.stamps + 1])
     return np.unique(np.clip(every, first, last))
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@given(
+    times=patterns(),
+    shape=shapes,
+    rate=st.sampled_from([0.0, 0.7, 5.0]),
+    edges=st.lists(st.integers(1, 200), max_size=2),
+)
+@settings(max_examples=40)
+def test_the_loop_cuts_where_numpy_does(times, shape, rate, edges):
+    samples = sampled(times, spin(rate))
+    edges = sorted(edge for edge in edges if edge < len(samples))
+    looped, closed = segmented(samples, shape, edges)
+    with loops.left_out():
+        expected, closed_in_numpy = segmented(samples, shape, edges)
+    assert [len(each) for each in closed] == [len(each) for each in closed_in_numpy]
+    for one, other in zip(looped, expected, strict=True):
+        np.testing.assert_array_equal(one.segment.samples.stamps, other.segment.samples.stamps)
+        np.testing.assert_allclose(
+            one.segment.coordinates, other.segment.coordinates, rtol=1e-9, atol=1e-12
+        )
+    queries = asked(samples)
+    np.testing.assert_allclose(
+        weights(looped, queries), weights(expected, queries), rtol=0, atol=1e-9
+    )
 
 
 @given(times=patterns(), shape=shapes)

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from trajeval_ros import loops
 from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import Grid, Model
-from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
+from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime, natural_in
 
 Array = npt.NDArray[np.float64]
 
@@ -320,8 +320,8 @@ def _regimes(model: Model, grid: Grid, records: Sequence[Record], theta: Array) 
         """Of the doubtful records, in so many regimes each; (regimes, records)."""
         regimes = list(dict.fromkeys(regime for row in tried for regime in row))
         sets = [[regimes.index(regime) for regime in row] for row in tried]
-        natural = np.array([model.natural(regime.of(theta), grid)[0] for regime in regimes])
-        fit = Likelihood(model.kernels, [records[i] for i in doubtful], sets)(natural)
+        each = [records[i] for i in doubtful]
+        fit = Likelihood(model.kernels, each, sets)(natural_in(model, theta, grid, regimes))
         prior = np.array([regime.log_prior for regime in regimes])
         return np.asarray(fit.values.reshape(len(tried), -1) + prior[sets])
 

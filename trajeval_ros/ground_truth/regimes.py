@@ -10,6 +10,7 @@ the noise, a stretch's *regime*, are for its own samples to say.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -120,15 +121,28 @@ class Learned:
         noise's: in a regime they are ``4**motion`` and ``4**noise`` times as large.
         """
         if not self._parts:
-            still, exact = self.theta.copy(), self.theta.copy()
-            still[:-1:2] = exact[-1] = -math.inf
-            found = [self.model.natural(theta, self.grid)[0] for theta in (exact, still)]
-            variances = np.exp(2.0 * np.stack(found, axis=1))
-            parts = variances[::2]
+            lengths, parts = _parts(self.model, self.theta, self.grid)
             rates = [k.rate for k in self.model.kernels if isinstance(k, Matern)]
-            self._parts.append((rates / np.exp(found[0][1:-1:2]), parts.copy()))
+            self._parts.append((rates / np.exp(lengths), parts))
         return self._parts[0]
 
     def _under(self, regime: Regime) -> GroupHyperparameters:
         *pairs, noise = self.numbers(regime)
         return GroupHyperparameters(tuple(map(Component, pairs[::2], pairs[1::2])), noise)
+
+
+def natural_in(model: Model, theta: Array, grid: Grid, regimes: Sequence[Regime]) -> Array:
+    """What `Model.natural` says of θ in each of the regimes; (r, 2m + 1)."""
+    lengths, parts = _parts(model, theta, grid)
+    found = np.empty((len(regimes), 2 * len(lengths) + 1))
+    found[:, 1::2] = lengths
+    found[:, ::2] = 0.5 * np.log(4.0 ** np.array(regimes) @ parts.T)
+    return found
+
+
+def _parts(model: Model, theta: Array, grid: Grid) -> tuple[Array, Array]:
+    """``log l`` of the kernels, (m,), and the variances (m + 1, 2) of `Learned.parts`."""
+    still, exact = theta.copy(), theta.copy()
+    still[:-1:2] = exact[-1] = -math.inf
+    found = np.stack([model.natural(each, grid)[0] for each in (exact, still)], axis=1)
+    return found[1:-1:2, 0], np.exp(2.0 * found[::2])

@@ -265,6 +265,17 @@ class Segment:
             self._coordinates = np.concatenate([known, further[:missing]])
         return further[missing:]
 
+    @property
+    def reference(self) -> Array:
+        """The first sample's pose; (4, 4)."""
+        return loops.doubles(self._samples.poses[0])
+
+    def room_after(self, count: int) -> Array:
+        """Room for the coordinates of so many samples after the last one's; (1 + count, 6)."""
+        room = np.empty((1 + count, 6))
+        room[0] = self.coordinates[-1]
+        return room
+
     def _further(self, before: Array, poses: Array) -> Array:
         """The coordinates of ``poses`` (n, 4, 4), after the one ``before``, if there is; (n, 6)."""
         if not loops.there():

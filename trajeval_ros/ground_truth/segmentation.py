@@ -160,6 +160,11 @@ class Segmentation:
         return islice(self.since(oldest + first), last - first + 1)
 
     @property
+    def retained(self) -> int:
+        """Number of segments that are there."""
+        return len(self._segments)
+
+    @property
     def first_open(self) -> int:
         """The index of the oldest segment that is not closed."""
         return self.opened - len(self.open)
@@ -210,19 +215,14 @@ class Segmentation:
     def _continue_alone(self, samples: Samples) -> Samples:
         """Feed the open segment up to the sample at which a hand-over begins; return the rest."""
         segment, shape = self._segments[-1], self._shape
-        share = 1.0 - shape.overlap
         ahead = samples[: shape.max_samples]
-        size = len(segment) + np.arange(1, len(ahead) + 1)
-        long_enough = ahead.stamps - segment.start >= share * shape.duration
-        ready = long_enough & (size >= share * shape.min_samples)
-        ready |= size >= share * shape.max_samples
-        ahead = ahead[: _through_first(ready)]
-        coordinates = segment.following(ahead.poses)
-        angle = _angles(coordinates)
-        taken = _through_first(angle >= _TURN_BEGIN)
-        segment.append(ahead[:taken], coordinates[:taken])
-        if ready[taken - 1] or angle[taken - 1] >= _TURN_BEGIN:
-            self._trigger = (len(segment), float(angle[taken - 1]))
+        coordinates, begins, angle = (_alone if loops.there() else _alone_in_numpy)(
+            segment, ahead, shape
+        )
+        taken = len(coordinates)
+        segment.append(ahead[:taken], coordinates)
+        if begins:
+            self._trigger = (len(segment), angle)
             self._handovers.append(HandOver(int(ahead.stamps[taken - 1])))
             lead = len(segment) - shape.lead - 1
             before = segment.before + segment.samples[: max(lead, 0)]
@@ -239,21 +239,14 @@ class Segmentation:
             self._shape,
         )
         ahead = samples[: shape.max_samples]
-        begun, angle = self._trigger
-        size = len(old) - begun + np.arange(1, len(ahead) + 1)
-        by_time = (ahead.stamps - handover.begin) / (shape.overlap * shape.duration)
-        by_size = size / (shape.overlap * shape.min_samples)
-        by_room = size / max(shape.max_samples - begun, 1)
-        progress = np.maximum(np.minimum(by_time, by_size), by_room)
-        ahead = ahead[: _through_first(progress >= 1.0)]
-        coordinates = old.following(ahead.poses)
-        by_turn = (_angles(coordinates) - angle) / max(_TURN_END - angle, 0.1)
-        progress = np.maximum(progress[: len(ahead)], by_turn)
-        progress = np.maximum.accumulate(np.clip(progress, handover.last, 1.0))
-        taken = _through_first(progress >= 1.0)
-        handover.append(ahead.stamps[:taken], progress[:taken])
-        old.append(ahead[:taken], coordinates[:taken])
-        new.append(ahead[:taken])
+        coordinates, progress = (_handing_over if loops.there() else _handing_over_in_numpy)(
+            old, ahead, handover, self._trigger, shape
+        )
+        taken = len(progress)
+        taken_in = ahead[:taken]
+        handover.append(taken_in.stamps, progress)
+        old.append(taken_in, coordinates)
+        new.append(taken_in)
         return samples[taken:], handover.last >= 1.0
 
     def forget(self, before: int) -> None:
@@ -266,6 +259,109 @@ class Segmentation:
         if over:
             self._first_incoming = self._handovers[over - 1]
             del self._handovers[:over], self._segments[:over]
+
+
+def _alone(segment: Segment, ahead: Samples, shape: SegmentShape) -> tuple[Array, bool, float]:
+    """How the open segment goes on: the coordinates (k, 6) of the samples that it takes.
+
+    And whether a hand-over begins with the last of them, and its angle there.
+    """
+    share, count = 1.0 - shape.overlap, len(ahead)
+    coordinates = segment.room_after(count)
+    taken, angle = np.empty(2, dtype=np.int64), np.empty(1)
+    loops.call(
+        "segment_alone",
+        segment.reference,
+        np.ascontiguousarray(ahead.stamps),
+        loops.doubles(ahead.poses),
+        count,
+        segment.start,
+        len(segment),
+        share * shape.duration,
+        share * shape.min_samples,
+        share * shape.max_samples,
+        _TURN_BEGIN,
+        coordinates,
+        taken,
+        angle,
+    )
+    number, begins = taken.tolist()
+    return coordinates[1 : 1 + number], bool(begins), float(angle[0])
+
+
+def _alone_in_numpy(
+    segment: Segment, ahead: Samples, shape: SegmentShape
+) -> tuple[Array, bool, float]:
+    """The same."""
+    share = 1.0 - shape.overlap
+    size = len(segment) + np.arange(1, len(ahead) + 1)
+    long_enough = ahead.stamps - segment.start >= share * shape.duration
+    ready = long_enough & (size >= share * shape.min_samples)
+    ready |= size >= share * shape.max_samples
+    coordinates = segment.following(ahead.poses[: _through_first(ready)])
+    angle = _angles(coordinates)
+    taken = _through_first(angle >= _TURN_BEGIN)
+    last = float(angle[taken - 1])
+    return coordinates[:taken], bool(ready[taken - 1]) or last >= _TURN_BEGIN, last
+
+
+def _handing_over(
+    old: Segment,
+    ahead: Samples,
+    handover: HandOver,
+    trigger: tuple[int, float],
+    shape: SegmentShape,
+) -> tuple[Array, Array]:
+    """How a hand-over goes on: the old segment's coordinates (k, 6), and the progress (k,).
+
+    Of the samples up to its end; ``trigger``: the samples and the angle with which it began.
+    """
+    begun, angle = trigger
+    count = len(ahead)
+    coordinates, progress = old.room_after(count), np.empty(count)
+    taken = np.empty(1, dtype=np.int64)
+    loops.call(
+        "segment_handover",
+        old.reference,
+        np.ascontiguousarray(ahead.stamps),
+        loops.doubles(ahead.poses),
+        count,
+        handover.begin,
+        len(old) - begun,
+        shape.overlap * shape.duration,
+        shape.overlap * shape.min_samples,
+        float(max(shape.max_samples - begun, 1)),
+        angle,
+        max(_TURN_END - angle, 0.1),
+        handover.last,
+        coordinates,
+        progress,
+        taken,
+    )
+    number = int(taken[0])
+    return coordinates[1 : 1 + number], progress[:number]
+
+
+def _handing_over_in_numpy(
+    old: Segment,
+    ahead: Samples,
+    handover: HandOver,
+    trigger: tuple[int, float],
+    shape: SegmentShape,
+) -> tuple[Array, Array]:
+    """The same."""
+    begun, angle = trigger
+    size = len(old) - begun + np.arange(1, len(ahead) + 1)
+    by_time = (ahead.stamps - handover.begin) / (shape.overlap * shape.duration)
+    by_size = size / (shape.overlap * shape.min_samples)
+    by_room = size / max(shape.max_samples - begun, 1)
+    progress = np.maximum(np.minimum(by_time, by_size), by_room)
+    coordinates = old.following(ahead.poses[: _through_first(progress >= 1.0)])
+    by_turn = (_angles(coordinates) - angle) / max(_TURN_END - angle, 0.1)
+    progress = np.maximum(progress[: len(coordinates)], by_turn)
+    progress = np.maximum.accumulate(np.clip(progress, handover.last, 1.0))
+    taken = _through_first(progress >= 1.0)
+    return coordinates[:taken], progress[:taken]
 
 
 def _angles(coordinates: Array) -> Array:

@@ -403,6 +403,9 @@ class GroundTruth:
         self._advance()
         self._begin = before if self._begin is None else max(before, self._begin)
         self._segmentation.forget(before)
+        oldest = self._segmentation.opened - self._segmentation.retained
+        while len(self._processes) > 1 and self._processes[1][0] <= oldest:
+            self._processes.popleft()
         keep = int(np.searchsorted(self._stamps, before, side="right")) - 2 - _GAP_INTERVALS
         keep = max(keep, 0)
         self._stamps = self._stamps[keep:]
