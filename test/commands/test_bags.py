@@ -39,8 +39,26 @@ def test_without_topics_the_candidates_are_listed() -> None:
     assert result.returncode == 0
     assert result.stderr == ""
     assert "Name two of them behind the bag" in result.stdout
-    assert re.search(r"/odom +nav_msgs/msg/Odometry +2,639 +27\.3 Hz", result.stdout)
-    assert re.search(r"/amcl_pose +geometry_msgs/msg/PoseWithCov\w+ +135", result.stdout)
+    assert re.search(r"/odom +Odometry +2,639 +27\.3 Hz", result.stdout)
+    assert re.search(r"/amcl_pose +PoseWithCovarianceStamped +135", result.stdout)
+
+
+def test_the_list_of_topics_fits_a_terminal_of_80_columns() -> None:
+    for name in ("nav2_turtlebot.mcap", "ROS_example.bag", "tf_example.bag"):
+        assert max(map(len, evaluate_bag(bag(name)).stdout.splitlines())) <= 80
+
+
+def test_a_fit_does_not_take_the_motion_for_an_error(tmp_path: Path) -> None:
+    """Corrections of a localisation a few times a second are no metres a second of drift."""
+    result = evaluate_bag(
+        bag("nav2_turtlebot.mcap"), "/tf:map.base_link", "/odom", "--output", tmp_path
+    )
+    assert result.returncode == 0, result.stderr
+    model = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["error_model"]
+    assert model["scale"]["value"] == pytest.approx(1.0, abs=0.05)
+    assert model["translation"]["long_run_drift"]["value"] < 0.05
+    # No step of the odometry differs from the ground truth's by more than a few centimetres.
+    assert max(jump["translation"] for jump in model["jumps"]) < 0.1
 
 
 def test_two_topics_are_scored_by_header_stamps(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_the_summary_fits_a_terminal_of_80_columns_and_names_each_row_once(gauge
     assert any(line.startswith("              over 100 % of 20 s, 100 % of ") for line in lines)
     names = [line.split("  ")[0] for line in lines if line.strip() and not line.startswith(" ")]
     assert len(set(names)) == len(names)
-    assert ("Scale of the estimate" in "\n".join(lines)) == (gauge == "sim3")
+    assert ("Scale correction" in "\n".join(lines)) == (gauge == "sim3")
     assert not any(name.startswith(("RE, last", "AE")) for name in names)
 
 

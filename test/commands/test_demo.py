@@ -122,7 +122,10 @@ def test_two_estimates_side_by_side_and_which_is_better(tmp_path: Path) -> None:
     assert "none lost" in shown.stdout
     assert "drifting: ATE" in shown.stdout
     assert "corrected's translation drifts" in shown.stdout
-    for name in ("drifting", "corrected"):
+    # The report of all, which those of each lie beside.
+    assert shown.stdout.count("Report: ") == 1
+    assert f"Report: {tmp_path / 'live' / 'report.html'}\n" in shown.stdout
+    for name in (".", "drifting", "corrected"):
         assert (tmp_path / "live" / name / "report.html").is_file()
     summary = json.loads((tmp_path / "live" / "summary.json").read_text(encoding="utf-8"))
     (pair,) = summary["comparison"]

@@ -126,6 +126,21 @@ def test_every_figure_can_be_asked_for(run: tuple[str, str], tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
+    ("asked", "near"),
+    [
+        ("ate", "conventional.ate_translation_rmse"),
+        ("jitter", "error_model.translation.jitter_std"),
+        ("chi2", "relative.chi2"),
+        ("longest_loss", "coverage.longest_loss"),
+    ],
+)
+def test_a_word_of_a_figure_leads_to_it(asked: str, near: str) -> None:
+    said = why_unknown((asked,), ["estimate"])
+    assert said is not None
+    assert f"near it: {near}" in said
+
+
+@pytest.mark.parametrize(
     "text", ["", "ate", "ate <", "< 3", "a.b < c", "a.b < nan", "a..b < 1", "a =< 1", "a < 1 m"]
 )
 def test_what_is_no_condition(text: str) -> None:

@@ -7,7 +7,7 @@ import pytest
 from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
 
 from trajeval_ros import se3
-from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.fitted import (
     disagree,
     fitted_causes,
@@ -22,7 +22,7 @@ from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.process import Kind
-from trajeval_ros.report.answers import answer
+from trajeval_ros.report.answers import answer, leading
 
 FINE = np.log([[5e-4, 3e-3], [5e-4, 1e-3]])
 ARM = se3.exp(np.array([0.03, 0.0, 0.02, 0.0, 0.0, 0.0]))
@@ -76,6 +76,47 @@ def test_of_a_lever_arm_that_positions_tell_the_axes_that_the_turns_show_are_sai
     assert lever_arm_causes(unknown, NONE) == ()
     unknown["std"] = [float("inf")] * 3
     assert shown_of_lever_arm(unknown) == (0.0, 0.0, ("x", "y", "z"))
+
+
+def test_a_cause_and_the_headline_say_the_same_and_the_advice_sets_no_more():
+    """A lever arm within doubt is no part of what is advised for a turn beyond it."""
+    model = named(fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask))
+    turn, arm = np.array([0.0, 0.0, 0.02]), np.array([0.06, -0.06, 0.0])
+    whole = se3.exp(np.array([0.0, 0.0, 0.0, *turn]))
+    whole[:3, 3] = arm
+    position, quaternion = se3.to_position_quaternion(whole)
+    model["extrinsic"] = {
+        "translation": {"value": arm.tolist(), "std": [0.024, 0.02, 3.0]},
+        "rotation": {"value": turn.tolist(), "std": [1e-3, 2e-3, 1e-3]},
+        "pose": [*position.tolist(), *quaternion.tolist()],
+    }
+    # Together the components of the arm would be beyond chance; none is beyond doubt, one not seen.
+    model["covariance"] = np.diag([1.0, 1.0, *[2e-4] * 3, *[1e-6] * 3, 1.0]).tolist()
+    faults = dict(leading(model))["Not its fault"]
+    assert faults.startswith("mounting 1.146 ± 0.057 deg: ")
+    assert "Nothing beyond doubt in" in faults
+    assert "lever arm" not in faults
+    (cause,) = (c for c in fitted_causes(model, "se3", 0.0, NONE) if c.code == "body_frame")
+    assert "a turn of 1.146 ± 0.057 degrees" in cause.text
+    assert "lever arm" not in cause.text
+    assert cause.advice.startswith("set extrinsic=0,0,0,0,0,0.0099998,")
+
+
+@pytest.mark.parametrize(
+    ("offset", "text"),
+    [(0.00868, "stamps are 8.7 ± 0.3 ms too early"), (-18.0, "stamps are 18 s too late")],
+)
+def test_on_which_side_stamps_are_off_is_a_word_and_no_sign(offset, text):
+    digits, unit, known = (1, "ms", " ± 0.3") if offset > 0.0 else (0, "s", "")
+    said = too_early(offset * (1e3 if unit == "ms" else 1.0), digits, unit, known)
+    assert said == f"the estimate's {text}"
+
+
+def test_a_size_within_its_uncertainty_is_a_bound():
+    """As of the node's run in blocks, whose parameters have no profile."""
+    model = named(fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask))
+    model["translation"]["jitter_std"] = {"value": 1e-6, "std": 1.3e-4}
+    assert dict(leading(model))["Kind of error"].startswith("jitter < 0.26 mm, ")
 
 
 def test_a_scale_is_named_but_where_it_is_free():

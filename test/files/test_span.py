@@ -78,7 +78,10 @@ def test_every_pose_left_has_a_sample_on_either_side() -> None:
     assert cut["odom"].rows.tolist() == [2, 3, 4]
     assert (left.cut, cut["odom"].cut) == (2, 2)
     said = words(Span(12, 38, "here"), left, [cut["odom"]])
-    assert said == "here; left out: 2 of 5 poses of odom, 2 of 6 samples of the ground truth"
+    assert said == (
+        "here; left out: 2 of 5 poses of odom, 2 of 6 samples of the ground truth;"
+        " seconds below count from there"
+    )
     # On the ground truth's clock.
     _, cut = cut_all(Span(12, 38, "here"), truth, {"odom": estimate}, {"odom": 10})
     assert cut["odom"].stamps.tolist() == [3, 14, 25]

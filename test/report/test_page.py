@@ -406,7 +406,7 @@ def test_under_sim3_the_scale_is_a_headline_and_the_relative_likelihood_is_not()
     tiles = {name: value for name, value, _ in words.tiles(report.run(summary), None)}
     assert "Relative log-likelihood" not in tiles
     scale = summary["conventional"]["alignment"]["scale"]
-    assert tiles["Scale of the estimate"].startswith(f"{scale:.5g}")
+    assert tiles["Scale correction"] == f"{scale:.5g}"
     said = words.verdict(report.run(summary), make_series(report.run(summary)))
     assert "From one estimate to the next" not in said
     names = [name for name, _, _ in words.figures(report.run(summary))]

@@ -324,7 +324,10 @@ def discover(folder: str | Path) -> Path:
     truths = _truths(root)
     if not truths:
         raise ManifestError(
-            [f"{root}: no ground truth in it: ground_truth/SEQUENCE.txt or SEQUENCE/gt.txt"]
+            [
+                f"{root}: no ground truth in it: ground_truth/SEQUENCE.txt or"
+                " SEQUENCE/ground_truth.txt"
+            ]
         )
     candidates = [
         f"{parent}{{system}}/{{sequence}}{run}{ending}"

@@ -322,8 +322,7 @@ def _conclude(output: Path, published: dict[str, int], rate: float) -> int:
         counts = ", ".join(f"{count:,} of {topic}" for topic, count in lost.items())
         raise console.CommandError(f"of {total:,} messages at {rate:.3g}x, lost: {counts}")
     print(f"Published {total:,} messages at {rate:.3g}x over DDS, received {total:,}: none lost.")
-    for folder in [output] if estimates is None else [output / name for name in estimates]:
-        print(f"Report: {folder / 'report.html'}")
+    print(f"Report: {output / 'report.html'}")
     return console.DONE
 
 

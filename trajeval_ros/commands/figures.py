@@ -126,7 +126,7 @@ def _errors(summary: Figures, parameters: Figures) -> list[str]:
     if no_drift(drift):
         lines.append(f"No KITTI drift: {no_drift(drift)}")
     if gauge == "sim3":
-        lines.append(f"Scale of the estimate  {scale(summary)}")
+        lines.append(f"Scale correction, of ATE's alignment  {scale(summary)}")
     return lines
 
 
@@ -143,12 +143,9 @@ def no_drift(drift: Figures) -> str:
 
 
 def scale(summary: Figures) -> str:
-    """Return the scale that the estimate was aligned with, with what it is known to."""
+    """Return the factor that ATE's alignment has put on the estimate's positions."""
     found = (summary["conventional"].get("alignment") or {}).get("scale")
-    if found is None:
-        return _NONE
-    std = (summary.get("error_model") or {}).get("scale", {}).get("std")
-    return f"{found:.5g}" if not std else f"{found:.5g} \u00b1 {std:.2g}"
+    return _NONE if found is None else f"{found:.5g}"
 
 
 def _last(parameters: Figures) -> str:

@@ -376,9 +376,11 @@ def _list_candidates(bag: str, progress: Progress, asked: bool) -> NoReturn:
     if not candidates:
         raise CommandError(f"{bag}: no topic in it holds a trajectory")
     rows = [("topic", "type", "count", "rate")]
+    # Without its package, and the table fits a terminal.
+    types = (re.sub(r"\w+/(msg/)?(?=\w)", "", c.message_type) for c in candidates)
     rows += [
-        (c.topic, c.message_type, f"{c.count:,}", "-" if c.rate is None else f"{c.rate:.1f} Hz")
-        for c in candidates
+        (c.topic, kind, f"{c.count:,}", "-" if c.rate is None else f"{c.rate:.1f} Hz")
+        for c, kind in zip(candidates, types, strict=True)
     ]
     print("\n".join(table(rows, left=2)), flush=True)
     if asked:

@@ -164,10 +164,17 @@ def _pattern(path: Path) -> str:
 
 
 def _near(asked: str, figures: Sequence[str]) -> list[str]:
-    """Up to three: what goes on after it, or is most like it in as many of its last words."""
+    """Up to three: what goes on after it, has a word that does, or is most like it in its end."""
     within = [name for name in figures if asked and name.startswith(asked)]
     if within:
         return within[:3]
+    begun = [
+        name
+        for name in figures
+        if any(word == asked or word.startswith(f"{asked}_") for word in name.split("."))
+    ]
+    if begun:
+        return begun[:3]
     # Only where it comes to that.
     import difflib
 

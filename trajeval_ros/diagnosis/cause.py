@@ -19,3 +19,9 @@ class Cause:
     def sentence(self) -> str:
         """What is wrong and what to do about it."""
         return f"likely cause: {self.text}. To try: {self.advice}."
+
+
+def too_early(offset: float, digits: int, unit: str = "s", known: str = "") -> str:
+    """How stamps are off to which ``offset`` is to be added: by how much, and on which side."""
+    side = "early" if offset > 0.0 else "late"
+    return f"the estimate's stamps are {abs(offset):,.{digits}f}{known} {unit} too {side}"

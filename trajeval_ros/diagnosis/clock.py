@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.rotations import FEWEST, SECOND, Array, Stamps, between, pairs
 
 # Offsets of the clocks: looked for up to, named from, and only where angular speeds correlate this
@@ -64,8 +64,8 @@ def clock_offset(
     return (
         Cause(
             "clock_offset",
-            f"the estimate's clock is off by {-whole:.3f} s{known}: the angular speeds correlate to"
-            f" {here:.3f} when {whole:+.3f} s are added to its stamps,"
+            f"{too_early(whole, 3)}{known}: the angular speeds correlate to"
+            f" {here:.3f} when {whole:+.3f} s are added to them,"
             f" to {correlation[longest]:.3f} as they stand",
             f"set estimate.time_offset={whole:.3f}",
         ),

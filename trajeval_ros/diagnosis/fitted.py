@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from trajeval_ros import se3
-from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.rotations import Array
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 
@@ -23,9 +23,7 @@ GAIN = 10.0
 """Nats that a nuisance gains beyond doubt: 4.5 standard deviations, a chance of 7e-6, of nine."""
 
 # So many standard deviations are beyond doubt; of two offsets of the clock, of the difference.
-_APART = 4.5
-# Of three components together, what has the same chance.
-_GAIN_OF_THREE = 13.2
+_APART = math.sqrt(2.0 * GAIN)
 # s, m, rad, 1: below, nobody sets anything.
 _SHORTEST, _NEAREST, _LEAST_TURN, _LEAST_SCALE = 5e-4, 5e-3, np.radians(0.1), 2e-3
 # What is known no better is not named, however far from nothing: a fit of poses that do not belong
@@ -96,6 +94,15 @@ def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
         for name, (values, stds) in pairs.items()
         if any(abs(value) > _APART * std for value, std in zip(values, stds, strict=True))
     )
+
+
+def sized(vector: Mapping[str, Any]) -> dict[str, float]:
+    """A vector's length, with its standard deviation: along itself, of nothing the largest."""
+    size = math.hypot(*vector["value"])
+    if not size:
+        return {"value": size, "std": max(vector["std"])}
+    along = math.hypot(*map(math.prod, zip(vector["value"], vector["std"], strict=True)))
+    return {"value": size, "std": along / size}
 
 
 def digits_of(std: float, most: int) -> int:
@@ -206,9 +213,8 @@ def clock_causes(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
     return (
         Cause(
             "clock_offset",
-            f"the estimate's clock is off by {-1e3 * whole:.{digits}f} ± {1e3 * std:.{digits}f} ms"
-            f"{known}: {gained:,.0f} nats better with {1e3 * whole:+.{digits}f} ms added to its"
-            f" stamps{but}",
+            f"{too_early(1e3 * whole, digits, 'ms', f' ± {1e3 * std:.{digits}f}')}{known}:"
+            f" {gained:,.0f} nats better with {1e3 * whole:+.{digits}f} ms added to them{but}",
             f"set estimate.time_offset={whole:.{digits + 3}f}",
         ),
     )
@@ -267,27 +273,28 @@ def _scattered_stamps(model: Mapping[str, Any]) -> tuple[Cause, ...]:
 
 
 def _body_frame(model: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
-    covariance = np.array(model["covariance"])
-    arm, turn = (np.array(model["extrinsic"][k]["value"]) for k in ("translation", "rotation"))
-    found = []
-    for name, value, rows, least, factor, unit, seen in (
-        ("lever arm", arm, slice(2, 5), _NEAREST, 1e3, "mm", _SEEN["x"]),
-        ("turn", turn, slice(5, 8), _LEAST_TURN, math.degrees(1.0), "degrees", _SEEN["yaw"]),
+    """What of lever arm and turn is beyond doubt, and the pose that has that and no more."""
+    covariance, extrinsic = np.array(model["covariance"]), model["extrinsic"]
+    pose = np.array(extrinsic["pose"])
+    to_set, doubtless, found = np.array([*np.zeros(6), 1.0]), beyond_doubt(model), []
+    for title, name, part, least, factor, unit, seen in (
+        ("lever arm", "lever arm", "translation", _NEAREST, 1e3, "mm", _SEEN["x"]),
+        ("mounting", "turn", "rotation", _LEAST_TURN, math.degrees(1.0), "degrees", _SEEN["yaw"]),
     ):
-        gained, size = gain(value, covariance[rows, rows]), float(np.linalg.norm(value))
-        if gained >= _GAIN_OF_THREE and size >= least:
-            along = value / size
-            std = math.sqrt(along @ covariance[rows, rows] @ along)
-            if std > seen:
-                continue
-            std *= factor
-            digits = digits_of(std, 4)
-            shown = f"{factor * size:.{digits}f} ± {std:.{digits}f} {unit}"
-            found.append(f"a {name} of {shown} ({gained:,.0f} nats)")
+        figure = sized(extrinsic[part])
+        if title not in doubtless or figure["value"] < least or figure["std"] > seen:
+            continue
+        of, into = (slice(2, 5), slice(3)) if title == "lever arm" else (slice(5, 8), slice(3, 7))
+        gained = gain(np.array(extrinsic[part]["value"]), covariance[of, of])
+        size, std = factor * figure["value"], factor * figure["std"]
+        digits = digits_of(std, 4)
+        found.append(
+            f"a {name} of {size:.{digits}f} ± {std:.{digits}f} {unit} ({gained:,.0f} nats)"
+        )
+        to_set[into] = pose[into]
     if not found:
         return ()
-    pose = np.array(model["extrinsic"]["pose"])
-    whole = se3.compose(se3.from_position_quaternion(pose[:3], pose[3:]), applied)
+    whole = se3.compose(se3.from_position_quaternion(to_set[:3], to_set[3:]), applied)
     numbers = np.concatenate(se3.to_position_quaternion(whole))
     shown = ",".join(f"{number:.5g}" for number in numbers)
     return (
@@ -303,7 +310,11 @@ def _scale(model: Mapping[str, Any]) -> tuple[Cause, ...]:
     value, std = model["scale"]["value"], model["scale"]["std"]
     logarithm = math.log(value)
     gained = 0.5 * (logarithm * value / std) ** 2
-    if gained < GAIN or abs(logarithm) < _LEAST_SCALE or std > _SEEN["scale"] * value:
+    if (
+        "scale" not in beyond_doubt(model)
+        or abs(logarithm) < _LEAST_SCALE
+        or std > _SEEN["scale"] * value
+    ):
         return ()
     digits = digits_of(std, 5)
     shown = f"{value:.{digits}f}"

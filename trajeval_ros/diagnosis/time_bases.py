@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.rotations import SECOND, Array, Stamps, between
 
 Indices = npt.NDArray[np.intp]
@@ -95,7 +95,7 @@ def _offset(truth: tuple[float, float], other: tuple[float, float], applied: flo
     ]
     if fitting:
         _, offset, name = min(fitting)
-        text = f"{name}: the clocks are off by about {-offset:,.0f} s"
+        text = f"{name}: {too_early(offset, 0)}"
         return Cause("time_base", text, f"set estimate.time_offset={applied + offset:.10g}")
     for title, since_start, absolute in (
         ("estimate", other, truth),

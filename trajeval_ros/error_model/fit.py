@@ -68,6 +68,9 @@ _PENALTY = 2.0
 # A search ends where another step gains less than this, nats: on the way, and at its end.
 _COARSE = 0.5
 _FINE = 0.05
+# A process that is likeliest with a scale (its logarithm) so far from where a walk is takes the
+# motion itself for an error, metres a second of it: there is no maximum of it nearby.
+_FARTHEST = np.log(2.0)
 # The maximum is found where another step gains less than this, nats, or after so many steps.
 _GAIN = 5e-3
 _STEPS = 25
@@ -151,17 +154,20 @@ def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
     """The maximum, from ``nuisances``; None where there is none."""
     nuisances, drift = problem.improved(nuisances, Kind.DRIFT, None, coarse=True)
     candidates = problem.candidates(nuisances, drift)
-    best = max(candidates, key=lambda kind: candidates[kind].score)
-    nuisances, guess = problem.improved(nuisances, best, candidates[best].guess, coarse=False)
-    if not problem.enough(nuisances, near=False):
-        problem.stay_near()
-    nuisances, here = problem.maximum(nuisances, guess)
-    if _has_run_away(here):
-        return None
-    # The others are behind by as much as they were where all three were found.
-    ahead = _nats_per_pose(here) - candidates[best].nats_per_pose
-    alternatives = {kind: each.nats_per_pose + ahead for kind, each in candidates.items()}
-    return _Found(nuisances, here, alternatives)
+    for best in sorted(candidates, key=lambda kind: -candidates[kind].score):
+        moved, guess = problem.improved(nuisances, best, candidates[best].guess, coarse=False)
+        if not problem.enough(moved, near=False):
+            problem.stay_near()
+        moved, here = problem.maximum(moved, guess)
+        if _has_run_away(here):
+            return None
+        if abs(np.log(moved.scale / nuisances.scale)) < _FARTHEST:
+            # The others are behind by as much as they were where all three were found.
+            ahead = _nats_per_pose(here) - candidates[best].nats_per_pose
+            alternatives = {kind: each.nats_per_pose + ahead for kind, each in candidates.items()}
+            return _Found(moved, here, alternatives)
+        del candidates[best]
+    return None
 
 
 def _has_run_away(found: Likelihood) -> bool:

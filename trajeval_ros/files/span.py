@@ -145,7 +145,7 @@ def words(span: Span, truth: Trajectory, estimates: Sequence[Trajectory]) -> str
             (truth, "samples of the ground truth"),
         )
     ]
-    return f"{span.text}; left out: {', '.join(parts)}"
+    return f"{span.text}; left out: {', '.join(parts)}; seconds below count from there"
 
 
 def _first(stamps: Integers) -> int:

@@ -510,8 +510,9 @@ class Track:
             )
         if undetermined:
             text = (
-                "the motion is not larger than the errors, or along a line alone: the alignment's "
-                "rotation is not determined, and the conventional rotation error is left out"
+                "the motion is not larger than the errors (of a scale, too), or along a line: the "
+                "alignment's rotation is not determined, and the conventional rotation error is "
+                "left out"
             )
             found.append(Notice("warning", "alignment_undetermined", text))
         if self._evaluation.instants.are_told:

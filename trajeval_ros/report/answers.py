@@ -18,6 +18,7 @@ from trajeval_ros.diagnosis.fitted import (
     disagree,
     is_misread,
     shown_of_lever_arm,
+    sized,
     told_lever_arm,
 )
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
@@ -40,6 +41,8 @@ _TITLES = (
 _FAST = 1.0
 # A time that is known to no more than this share of it tells no bounds.
 _UNTOLD = 0.5
+# 95 % of a normal distribution lie within so many standard deviations.
+_BOUND = 1.96
 # Autocorrelations beyond this say that the model does not hold.
 WHITE = 0.2
 # The noise of a sample is the assumed accuracy where it is no more than this times as large.
@@ -215,19 +218,30 @@ def _kind(model: Figures) -> str:
     translation, rotation = model["translation"], model.get("rotation")
     if rotation is None:
         return _kind_of_positions(model["model"], translation)
-    jitter = f"jitter {_length(translation['jitter_std'])}, {_angle(rotation['jitter_std'])}"
+    jitter = f"jitter {_length(_bounded(translation['jitter_std']))},"
+    jitter += f" {_angle(_bounded(rotation['jitter_std']))}"
     if model["model"] == "wander":
         parts = f"wander {_wander(translation, _length)}, {_wander(rotation, _angle)}"
     else:
-        parts = f"drift {_length(translation['long_run_drift'], '/√s')},"
-        parts += f" {_angle(rotation['long_run_drift'], '/√s')}"
+        parts = f"drift {_length(_bounded(translation['long_run_drift']), '/√s')},"
+        parts += f" {_angle(_bounded(rotation['long_run_drift']), '/√s')}"
         far = translation.get("long_run_drift_by_distance")
         if far is not None and far["value"] < _FAST * translation["long_run_drift"]["value"]:
-            parts += f" ({_length(far, '/√m')})"
+            parts += f" ({_length(_bounded(far), '/√m')})"
         if "velocity_std" in translation:
-            parts += f"\n(velocity error {_length(translation['velocity_std'], '/s')} over"
+            parts += (
+                f"\n(velocity error {_length(_bounded(translation['velocity_std']), '/s')} over"
+            )
             parts += f" {_number(**translation['velocity_time'])} s)"
     return f"{jitter};\n{parts}"
+
+
+def _bounded(figure: Figures) -> Figures:
+    """A size that is less than its standard deviation, as its 95 % bound, where it has none yet."""
+    value, std = figure["value"], figure["std"]
+    if std is None or value >= std:
+        return figure
+    return {**figure, "interval": figure.get("interval") or [0.0, value + _BOUND * std]}
 
 
 def _wander(part: Figures, sized: Callable[..., str]) -> str:
@@ -235,26 +249,26 @@ def _wander(part: Figures, sized: Callable[..., str]) -> str:
     time, walk = part["wander_time"], part.get("short_run_drift")
     if walk is not None and time["std"] is not None and time["std"] > _UNTOLD * time["value"]:
         return f"so far a drift of {sized(walk, '/√s')}"
-    return f"{sized(part['wander_std'])} over {_number(**time)} s"
+    return f"{sized(_bounded(part['wander_std']))} over {_number(**time)} s"
 
 
 def _kind_of_positions(kind: str, translation: Figures) -> str:
-    jitter = f"jitter {_length(translation['jitter_std'])}; "
+    jitter = f"jitter {_length(_bounded(translation['jitter_std']))}; "
     if kind == "wander":
         time = _number(**translation["wander_time"])
-        return f"{jitter}wander {_length(translation['wander_std'])} over {time} s"
-    return f"{jitter}drift {_length(translation['long_run_drift'], '/√s')}"
+        return f"{jitter}wander {_length(_bounded(translation['wander_std']))} over {time} s"
+    return f"{jitter}drift {_length(_bounded(translation['long_run_drift']), '/√s')}"
 
 
 def _faults(model: Figures, without: Figures | None) -> str:
     """What is there beyond doubt, and within what there is none of the rest."""
     clock, rate, scale = model["clock_offset"], model["clock_rate"], model["scale"]
-    arm, mounting = (_sized(model["extrinsic"][key]) for key in ("translation", "rotation"))
+    arm, mounting = (sized(model["extrinsic"][key]) for key in ("translation", "rotation"))
     shown = {
         "clock": (clock["std"], "clock_offset", f"{_number(**clock, factor=1e3)} ms"),
         "clock rate": (rate["std"], "clock_rate", f"{_number(**rate, factor=1e6)} ppm"),
-        "lever arm": (arm["std"], "x", _length(arm)),
-        "mounting": (mounting["std"], "roll", _angle(mounting)),
+        "lever arm": (max(model["extrinsic"]["translation"]["std"]), "x", _length(arm)),
+        "mounting": (max(model["extrinsic"]["rotation"]["std"]), "roll", _angle(mounting)),
         "scale": (scale["std"], "scale", _number(**scale)),
     }
     doubtless = beyond_doubt(model)
@@ -298,11 +312,6 @@ def _on_positions(summary: Figures) -> list[tuple[str, str]]:
         text += f" ({', '.join(unseen)}: the motion does not show it)" if unseen else ""
         found.append(("Not its fault", f"{text}{_better(without)}"))
     return found if model is None else [*found, *_correlated(model)]
-
-
-def _sized(vector: Figures) -> dict[str, float]:
-    """A vector's length, with the largest of its standard deviations."""
-    return {"value": math.hypot(*vector["value"]), "std": max(vector["std"])}
 
 
 def _better(without: Figures | None) -> str:

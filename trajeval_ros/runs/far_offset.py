@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.alignment.umeyama import align_positions
-from trajeval_ros.diagnosis.cause import Cause
+from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.time_bases import Found, offsets_by_motion, usual_name
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.intake import LARGEST_COORDINATE
@@ -59,8 +59,8 @@ def far_offset(
     return (
         Cause(
             "time_base",
-            f"the estimate's clock is off by about {-found.offset:.2f} s{name and f' ({name})'}:"
-            f" the two move alike with {found.offset:+.2f} s added to its stamps (correlation"
+            f"{too_early(found.offset, 2)}{name and f' ({name})'}:"
+            f" the two move alike with {found.offset:+.2f} s added to them (correlation"
             f" {found.correlation:.2f}); the ATE is {stands}{after:.3g} m with that",
             f"set estimate.time_offset={found.offset:.3f}",
         ),
