@@ -129,6 +129,53 @@ def test_missing_samples_are_no_noise_of_the_stamps():
     assert summary["ground_truth"]["fit"]["stamp_std"] == 0.0
 
 
+def throttled(stamps, interval):
+    """The rows that a throttle lets pass: the first, and each so much (s) after the last one."""
+    rows = [0]
+    for row, stamp in enumerate(stamps):
+        if stamp - stamps[rows[-1]] >= interval:
+            rows.append(row)
+    return rows
+
+
+@pytest.mark.parametrize("kind", ["hand", "fast"])
+def test_a_throttle_does_not_hide_that_stamps_are_uncertain(kind):
+    profile, times, stamps, poses = jittering(kind, 100, 0.003, 3e-4)
+    rows = throttled(stamps, 0.045)
+    # A long interval makes none short: the intervals' covariance has nothing of the noise.
+    off = np.diff(stamps[rows]) - np.median(np.diff(stamps[rows]))
+    late = stamps[rows] - times[rows]
+    assert -np.mean(off[:-1] * off[1:]) < 0.1 * np.var(late)
+    summary, anees = scored(profile, stamps[rows], poses[rows], late.mean())
+    assert summary["ground_truth"]["fit"]["stamp_std"] == pytest.approx(np.std(late), rel=0.3)
+    assert max(anees) < 2.0
+    assert min(anees) > 0.3
+
+
+@pytest.mark.parametrize("kind", ["drive", "hand", "fast", "aggressive"])
+@pytest.mark.parametrize("interval", [0.045, 0.09])
+def test_a_throttle_makes_right_stamps_no_less_certain(kind, interval):
+    profile, _, stamps, poses = jittering(kind, 100, 0.0, 3e-4)
+    there = np.random.default_rng(7).uniform(size=len(stamps)) > 0.3
+    rows = throttled(stamps[there], interval)
+    summary, _ = scored(profile, stamps[there][rows], poses[there][rows], 0.0)
+    assert summary["ground_truth"]["fit"]["stamp_std"] == 0.0
+
+
+@pytest.mark.parametrize(("turns", "found"), [(1.0, True), (-1.0, False)])
+def test_positions_and_orientations_have_to_be_off_by_the_same_times(turns, found):
+    """Each is late by as much as the other, or early by as much as the other is late."""
+    rng = np.random.default_rng(8)
+    segments = []
+    for _ in range(12):
+        # Intervals that scatter without a covariance, as a throttle makes them.
+        times = np.cumsum(rng.uniform(0.035, 0.065, 40))
+        late = rng.normal(0.0, 0.006, (40, 1)) * np.repeat([1.0, turns], 3)
+        segments.append((times, 0.4 * (times[:, None] - late)))
+    std = stamp_noise(segments, ACCURACY)
+    assert std == pytest.approx(0.006, rel=0.3) if found else std < 0.003
+
+
 def test_few_segments_do_not_tell():
     times = np.arange(0.0, 2.0, 0.02)
     x = np.outer(times, np.ones(6)) + np.random.default_rng(0).normal(size=(100, 6)) * 0.01

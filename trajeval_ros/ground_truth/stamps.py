@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,10 +48,14 @@ _FEWEST_SEGMENTS = 4
 # The estimate stands out from its scatter over the segments so much, in translation and rotation
 # together; and what it does to a sample from the instrument's accuracy.
 _SIGNIFICANT = 3.0
+# In each of the two so much where the intervals alone do not tell.
+_AGREED = 2.0
 # Between samples further apart than this (s), motion is not told from noise of the stamps.
 _RAREST = 0.25
 # An interval counts as no longer than the usual one by so many of it.
 _IRREGULAR = 2.0
+# None is missing where it is longer by less than so much of it.
+_NONE_MISSING = 0.5
 # So large a share of the intervals are unlike the usual one where stamps were rounded.
 _UNEVEN = 0.05
 # Ticks finer than this share of the usual interval matter only where the poses show them.
@@ -154,59 +159,83 @@ def stamp_noise(
     """
     if sum(len(times) >= _FEWEST_SAMPLES for times, _ in segments) < _FEWEST_SEGMENTS:
         return 0.0
-    most = max(_of_intervals([times for times, _ in segments]), rounded**2)
-    found = [
-        _of_group([(t, x[:, 3 * g : 3 * g + 3]) for t, x in segments], accuracy[g], most)
-        for g in (0, 1)
-    ]
-    weights = np.array([significance**2 for significance, _ in found])
-    if not weights.sum() > _SIGNIFICANT**2:
+    enough = [(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES]
+    found = [_found([(t, x[:, 3 * g : 3 * g + 3]) for t, x in enough]) for g in (0, 1)]
+    agreed = all(each.significance > _AGREED for each in found) and _agree(enough)
+    most = max(_of_intervals([times for times, _ in segments], agreed), rounded**2)
+    told = []
+    for (significance, variance, speed), least in zip(found, accuracy, strict=True):
+        capped = min(variance, most)
+        # What it does to a sample, while the body moves.
+        if capped * speed >= least**2:
+            told.append((significance**2, capped))
+    weight = math.fsum(each for each, _ in told)
+    if not weight > _SIGNIFICANT**2:
         return 0.0
-    return math.sqrt(float(weights @ [variance for _, variance in found]) / weights.sum())
+    return math.sqrt(math.fsum(each * variance for each, variance in told) / weight)
 
 
-def _of_intervals(times: Sequence[Array]) -> float:
+def _of_intervals(times: Sequence[Array], agreed: bool) -> float:
     """The most that the variance of the stamps can be, s², by their intervals.
 
     White noise of the stamps makes an interval long and the next one short, with the covariance
     ``-σ_t²``; missing samples do not. Where it has none, what looks like noise of the stamps is
-    motion that the samples are too rare for.
+    motion that the samples are too rare for. A throttle takes it away, too: it lets a stamp pass so
+    long after the last that it let pass, be that late or not. So where positions and orientations
+    have ``agreed`` on the noise it is enough that intervals scatter as much.
     """
-    products, count = 0.0, 0
     usual = float(np.median(np.concatenate([np.diff(each) for each in times])))
     if usual > _RAREST:
         return 0.0
-    for each in times:
-        off = np.clip(np.diff(each) - usual, -usual, _IRREGULAR * usual)
-        products -= float((off[:-1] * off[1:]).sum())
-        count += len(off) - 1
-    return max(products / max(count, 1), 0.0)
+    offs = [np.clip(np.diff(each) - usual, -usual, _IRREGULAR * usual) for each in times]
+    if agreed:
+        every = np.concatenate(offs)
+        return float((every[every < _NONE_MISSING * usual] ** 2).mean())
+    products = -math.fsum(float((off[:-1] * off[1:]).sum()) for off in offs)
+    return max(products / max(sum(len(off) - 1 for off in offs), 1), 0.0)
 
 
-def _of_group(
-    segments: Sequence[tuple[Array, Array]], accuracy: float, most: float
-) -> tuple[float, float]:
-    """How significant the variance of the stamps is, and the variance, s², which is at ``most``."""
-    sums = np.array(
-        [neighbours(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES]
-    )
-    excess, squares, counts, across = sums.T
+class _Found(NamedTuple):
+    """What a group's residuals show.
+
+    ``variance`` of the stamps, s², and its ``significance``, in standard deviations; ``speed``: the
+    mean square of the body's where it moves.
+    """
+
+    significance: float
+    variance: float
+    speed: float
+
+
+def _found(segments: Sequence[tuple[Array, Array]]) -> _Found:
+    """Of ``times`` (n,) and a group's coordinates (n, 3) of each segment."""
+    excess, squares, counts, across = np.array([neighbours(*each) for each in segments]).T
     if not squares.sum() > 0.0 or not excess.sum() > max(across.sum(), 0.0):
-        return 0.0, 0.0
-    shown = float(excess.sum() / squares.sum())
-    variance = min(shown, most)
-    # What it does to a sample, while the body moves.
+        return _Found(0.0, 0.0, 0.0)
+    variance = float(excess.sum() / squares.sum())
     speed = float((squares**2).sum() / (squares * counts).sum())
-    if variance * speed < accuracy**2:
-        return 0.0, 0.0
-    scatter = float(np.sqrt(((excess - shown * squares) ** 2).sum()))
-    return float(excess.sum()) / max(scatter, 1e-300), variance
+    scatter = float(np.sqrt(((excess - variance * squares) ** 2).sum()))
+    return _Found(float(excess.sum()) / max(scatter, 1e-300), variance, speed)
+
+
+def _agree(segments: Sequence[tuple[Array, Array]]) -> bool:
+    """Whether positions and orientations are off by the same times.
+
+    Then a sample's residuals along the motion have the same sign in both, and its neighbour's the
+    other one. Where motion bends between the samples, neighbours' signs are the same.
+    """
+    same, following = 0.0, 0.0
+    for times, x in segments:
+        one, other = (_residuals(times, x[:, 3 * g : 3 * g + 3]).along for g in (0, 1))
+        same += float((one * other).sum())
+        following += float((one[:-1] * other[1:] + other[:-1] * one[1:]).sum())
+    return same > 0.0 > following
 
 
 def neighbours(times: Array, x: Array) -> tuple[float, float, float, float]:
     """The excess along the motion, the squared speeds beside it, their number; what is across."""
-    reach = min(_REACH, (len(times) - 1) // 2)
     if loops.there():
+        reach = min(_REACH, (len(times) - 1) // 2)
         found, work = np.empty(4), np.empty(10 * len(times))
         place, wide, _ = loops.strided(x)
         loops.call(
@@ -214,21 +243,8 @@ def neighbours(times: Array, x: Array) -> tuple[float, float, float, float]:
         )
         excess, squares, count, lateral = found.tolist()
         return excess, squares, count, lateral
-    whole = times[2:] - times[:-2]
-    before = (times[2:] - times[1:-1]) / whole
-    after = 1.0 - before
-    residual = x[1:-1] - before[:, None] * x[:-2] - after[:, None] * x[2:]
-    index = np.arange(1, len(times) - 1)
-    low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(times) - 1)
-    velocity = (x[high] - x[low]) / (times[high] - times[low])[:, None]
-    speed = np.linalg.norm(velocity, axis=1)
-    direction = velocity / np.where(speed > 0.0, speed, 1.0)[:, None]
-    limit = math.sqrt(_CLIPPED * middle((residual**2).sum(axis=1)))
-    size = np.linalg.norm(residual, axis=1)
-    residual *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))[:, None]
-    along = (residual * direction).sum(axis=1)
-    across = residual - along[:, None] * direction
-    weight = before[1:] + after[:-1]
+    along, across, speed, before = _residuals(times, x)
+    weight = before[1:] + 1.0 - before[:-1]
     sideways = 0.5 * (across[:-1] * across[1:]).sum(axis=1)
     products = along[:-1] * along[1:] - sideways
     moving = (speed[:-1] > 0.0) & (speed[1:] > 0.0) & (weight > 0.0)
@@ -239,3 +255,35 @@ def neighbours(times: Array, x: Array) -> tuple[float, float, float, float]:
         float(moving.sum()),
         float(-sideways[moving].sum()),
     )
+
+
+class _Residuals(NamedTuple):
+    """Those of a segment's inner samples from the line between their neighbours.
+
+    ``along`` the motion (n,) and ``across`` it (n, 3); ``speed`` (n,) of the motion; ``before``
+    (n,): the weight of the neighbour before.
+    """
+
+    along: Array
+    across: Array
+    speed: Array
+    before: Array
+
+
+def _residuals(times: Array, x: Array) -> _Residuals:
+    """Of a group's coordinates x (n + 2, 3)."""
+    whole = times[2:] - times[:-2]
+    before = (times[2:] - times[1:-1]) / whole
+    after = 1.0 - before
+    residual = x[1:-1] - before[:, None] * x[:-2] - after[:, None] * x[2:]
+    reach = min(_REACH, (len(times) - 1) // 2)
+    index = np.arange(1, len(times) - 1)
+    low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(times) - 1)
+    velocity = (x[high] - x[low]) / (times[high] - times[low])[:, None]
+    speed = np.linalg.norm(velocity, axis=1)
+    direction = velocity / np.where(speed > 0.0, speed, 1.0)[:, None]
+    limit = math.sqrt(_CLIPPED * middle((residual**2).sum(axis=1)))
+    size = np.linalg.norm(residual, axis=1)
+    residual *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))[:, None]
+    along = (residual * direction).sum(axis=1)
+    return _Residuals(along, residual - along[:, None] * direction, speed, before)
