@@ -19,6 +19,7 @@ from trajeval_ros.benchmarking.errors import Errors, errors_of
 from trajeval_ros.benchmarking.manifest import Source
 from trajeval_ros.benchmarking.plan import Planned, Task
 from trajeval_ros.files import sources
+from trajeval_ros.files.provenance import named
 from trajeval_ros.files.recognise import recognise
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
 from trajeval_ros.online.parameters import PARAMETERS, Value, complete, of_estimate
@@ -111,12 +112,8 @@ def scores_of(
         for name, estimate in zip(names, estimates, strict=True)
     }
     # The rows have the plan's hashes, so that no file is read once more for its own.
-    found = score(whole, truth, scorings, describe=_named)
+    found = score(whole, truth, scorings, describe=named)
     return [found[name] for name in names]
-
-
-def _named(source: str) -> dict[str, Any]:
-    return {"name": source}
 
 
 def read(source: Source) -> Trajectory:

@@ -17,7 +17,7 @@ def complete(parser: argparse.ArgumentParser, with_format: WithFormat | None = N
 
     ``with_format`` says what arguments of which the first is no format stand for.
     """
-    if "_ARGCOMPLETE" not in os.environ:
+    if not is_asked():
         return
     try:
         import argcomplete
@@ -26,6 +26,11 @@ def complete(parser: argparse.ArgumentParser, with_format: WithFormat | None = N
     if with_format is not None:
         _insert_format(with_format)
     argcomplete.autocomplete(parser)
+
+
+def is_asked() -> bool:
+    """Whether it is the shell that asks."""
+    return "_ARGCOMPLETE" in os.environ
 
 
 def _insert_format(with_format: WithFormat) -> None:

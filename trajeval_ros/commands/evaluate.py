@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -42,8 +41,8 @@ exit codes: 0 done; 1 the data could not be evaluated, or a file not be written;
 3 evaluated, and not as good as --require or --baseline asks for"""
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
+def make_parser(asked: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser of the command line; ``asked``: of one format alone."""
     from trajeval_ros.commands import inputs
 
     parser = argparse.ArgumentParser(
@@ -54,7 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     console.add_version(parser)
-    inputs.add_formats(parser, _add_options, several=True)
+    inputs.add_formats(parser, _add_options, several=True, asked=asked)
     return parser
 
 
@@ -143,9 +142,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     from trajeval_ros.commands import inputs
 
     given = sys.argv[1:] if argv is None else argv
-    parser = make_parser()
-    completion.complete(parser, inputs.with_format)
-    arguments, unknown = parser.parse_known_args(inputs.with_format(given))
+    if completion.is_asked():
+        completion.complete(make_parser(), inputs.with_format)
+    whole = inputs.with_format(given)
+    arguments, unknown = make_parser(*whole[:1]).parse_known_args(whole)
     if unknown:
         return console.fail("evaluate", evo_options.refusal(unknown), console.WRONG_USAGE)
     arguments.given = tuple(given)
@@ -159,6 +159,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
         good = _requirements_hold(arguments.require, outcome)
         good = _is_no_worse(outcome) and good
     if arguments.json:
+        import json
+
         print(json.dumps(outcome.summary, indent=2, allow_nan=False))
     sys.stdout.flush()
     failures = [
@@ -212,6 +214,7 @@ def _outcome(arguments: argparse.Namespace) -> Outcome:
         align_origin=arguments.align_origin,
         given=arguments.given,
         exports=exports,
+        is_told=bool(output or exports or arguments.json or arguments.require),
     )
 
 

@@ -57,10 +57,12 @@ def add_formats(
     add_options: Callable[[argparse.ArgumentParser], None],
     *,
     several: bool = False,
+    asked: str | None = None,
 ) -> None:
     """Declare one sub-command a format; ``add_options`` declares what they share.
 
-    ``several``: whether more than one estimate may be named.
+    ``several``: whether more than one estimate may be named. ``asked``: the only format that needs
+    its options, where that is known; to declare all takes some milliseconds.
     """
     formats = parser.add_subparsers(dest="format", metavar="FORMAT", required=True)
     tum = formats.add_parser(
@@ -113,6 +115,8 @@ def add_formats(
     for each in (tum, euroc, kitti, bag, auto):
         _add_span(each)
         each.set_defaults(command_of_one=not several)
+        if asked is not None and each is not formats.choices.get(asked):
+            continue
         each.add_argument(
             "--strict",
             action="store_true",

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,6 +24,7 @@ from trajeval_ros.files.output import (
     write_report,
     write_summary,
 )
+from trajeval_ros.files.provenance import described, named
 from trajeval_ros.files.trajectory import Trajectory
 from trajeval_ros.online.parameters import Value, of_estimate
 from trajeval_ros.online.settings import Settings, settings_of
@@ -62,11 +63,12 @@ def score(
     align_origin: bool = False,
     given: Sequence[str] = (),
     exports: Exports | None = None,
+    is_told: bool = True,
 ) -> Outcome:
     """Score every estimate, write what is to be written to ``output``, and print.
 
     ``given``: the command line, for the summary to say how it can be made again. ``exports``: what
-    is to be written for other tools.
+    is to be written for other tools. ``is_told``: whether anybody is told what the files hold.
 
     ``apply``: what the error model finds is set, and all is scored again. ``align_origin``: the
     first pose of each is laid on the ground truth's, and nothing else is aligned. With several
@@ -92,9 +94,11 @@ def score(
             name: replace(run.scoring, observe=recorded[name].observe) if recorded else run.scoring
             for name, run in runs.items()
         }
+        # To be told of, a file is read once more.
+        describe = described if is_told else named
         found = {
             name: _with_arguments(one, given)
-            for name, one in _found(data, parameters, scorings).items()
+            for name, one in _found(data, parameters, scorings, describe).items()
         }
         failures = _write(runs, found)
     reports = {name: run.scoring.report for name, run in runs.items()}
@@ -217,10 +221,13 @@ def _records(data: Inputs, parameters: Mapping[str, Value]) -> dict[str, Scoring
 
 
 def _found(
-    data: Inputs, parameters: Mapping[str, Value], scorings: Mapping[str, Scoring]
+    data: Inputs,
+    parameters: Mapping[str, Value],
+    scorings: Mapping[str, Scoring],
+    describe: Callable[[str], dict[str, Any]] = named,
 ) -> dict[str, Scored]:
     with Progress("evaluating", sum(map(len, data.estimates)), "poses") as progress:
-        return offline.score(parameters, data.ground_truth, scorings, progress.update)
+        return offline.score(parameters, data.ground_truth, scorings, progress.update, describe)
 
 
 def _corrected(

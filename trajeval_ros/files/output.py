@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -312,7 +311,7 @@ class OutputFolder:
         restarts the file it fell into, and is raised once all files are written: ``ros2 launch``
         sends SIGINT twice.
         """
-        text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+        text = _as_json(summary)
         steps: dict[str, Callable[[], None]] = {
             "summary.json": lambda: self._replace_summary(text, last),
             "poses.csv": lambda: self._write_rows(last, summary.get("conventional", {})),
@@ -458,7 +457,7 @@ def write_summary(folder: Path, summary: Summary) -> None:
     OutputError
         If it cannot be written.
     """
-    _write(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    _write(folder / "summary.json", _as_json(summary))
 
 
 def write_report(folder: Path, page: str) -> None:
@@ -470,6 +469,12 @@ def write_report(folder: Path, page: str) -> None:
         If it cannot be written.
     """
     _write(folder / "report.html", page)
+
+
+def _as_json(summary: Summary) -> str:
+    import json
+
+    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
 
 
 def _write(path: Path, text: str) -> None:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from pathlib import Path
 from typing import Any
@@ -37,6 +36,11 @@ def described(source: str) -> dict[str, Any]:
         return {"path": path, **of_topic}
 
 
+def named(source: str) -> dict[str, Any]:
+    """Return what ``source`` is by its name alone: where nobody is told, no file is read for it."""
+    return {"name": source}
+
+
 def bytes_of(path: str) -> int:
     """Return the size of a file, or of all files in a folder; of none, 0.
 
@@ -67,6 +71,8 @@ def _bytes(files: list[Path]) -> int:
 def _digest(path: Path, files: list[Path]) -> str:
     if files == [path]:
         return _sha256(path)
+    import hashlib
+
     whole = hashlib.sha256()
     for file in files:
         # As sha256sum prints it: `sha256sum FILES | sha256sum` in the folder finds the same.
@@ -75,5 +81,8 @@ def _digest(path: Path, files: list[Path]) -> str:
 
 
 def _sha256(path: Path) -> str:
+    # Only here: it brings in OpenSSL.
+    import hashlib
+
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
