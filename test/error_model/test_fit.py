@@ -11,10 +11,13 @@ from twins.runs import motion
 
 from performance.error_model import drawn, erring
 from trajeval_ros import loops, se3
-from trajeval_ros.error_model.fit import ENOUGH, _carried, fit
+from trajeval_ros.error_model.fit import ENOUGH, _carried, _found, _Problem, fit
+from trajeval_ros.error_model.likelihood import Likelihood
+from trajeval_ros.error_model.maximum import climb, penalised
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD, Nuisances, Truth
 from trajeval_ros.error_model.process import GROUPS, Kind
+from trajeval_ros.error_model.search import Guess, bounds, search
 from trajeval_ros.report.answers import leading
 
 DRIFT = np.log([[1e-3, 1e-2], [1e-3, 2e-3]])
@@ -64,6 +67,34 @@ def nuisance_scores(found, nuisances):
     return np.array(off) / found.std
 
 
+def with_outliers(seed):
+    """An estimate that wanders, of which poses are lost, and whose world leaps."""
+    stamps, poses = estimate(Kind.WANDER, WANDER, seed=seed)
+    rng = np.random.default_rng(seed)
+    sizes = np.repeat([0.05, 0.01], 3)
+    lost = rng.random(len(poses)) < 0.02
+    poses[lost] = poses[lost] @ se3.exp(rng.normal(size=(lost.sum(), 6)) * sizes)
+    for leap in np.flatnonzero(rng.random(len(poses)) < 0.01):
+        poses[leap:] = se3.exp(rng.normal(size=6) * sizes) @ poses[leap:]
+    return stamps, poses
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_no_other_start_ends_higher_where_outliers_are_many(seed):
+    problem = _Problem(*with_outliers(seed), ask, None)
+    found = _found(problem, problem.start())
+    here = found.here
+    data, gauge = problem._prepared(found.nuisances)
+    low, high = (each.ravel() for each in bounds(here.kind, data))
+    plain = np.ones((here.count, 2)), np.ones((here.count - 1, 2))
+    begin = Guess(here.kind, here.parameters, *plain, np.zeros(9), np.eye(9))
+    for start in (None, begin):
+        end = search(here.kind, data, gauge, 0.05, start)
+        there = Likelihood(here.kind, end.parameters, data, gauge).at(end.parameters, end.weights)
+        there = climb(there, low, high, 5e-3, 25, near=True, weighted=False)
+        assert penalised(there) < penalised(here) + 1.0
+
+
 @pytest.mark.parametrize(
     ("kind", "parameters"),
     [(Kind.DRIFT, DRIFT), (Kind.VELOCITY, VELOCITY), (Kind.WANDER, WANDER)],
@@ -73,6 +104,7 @@ def test_parameters_and_nuisances_come_out(kind, parameters):
     found = fit(*estimate(kind, parameters, nuisances), ask)
     assert found is not None
     assert found.kind is kind
+    assert found.converged
     assert (np.abs(nuisance_scores(found, nuisances)) < 4.0).all()
     for group, values in zip(GROUPS, np.exp(parameters), strict=True):
         for name, value in zip(kind.names, values, strict=True):

@@ -17,6 +17,8 @@ from trajeval_ros.error_model.maximum import (
     climb,
     likeliest,
     penalised,
+    promised,
+    reweighted,
 )
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.search import bounds
@@ -77,6 +79,25 @@ def test_heavy_tails_end_at_a_point_that_stays(kind, seed):
     again = climb(here, low, high, 1e-3, 20)
     assert np.abs(again.parameters - here.parameters).max() < 0.2
     assert penalised(again) - penalised(here) < 0.2
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_likelier_factors_gain_until_others_promise_little(kind):
+    here, low, high = heavy_tailed(kind, 1)
+    found = reweighted(here, 1.0)
+    assert penalised(found) > penalised(here) + 1.0
+    assert np.array_equal(found.parameters, here.parameters)
+    top = climb(here, low, high, 1e-3, 40)
+    assert reweighted(top, 1.0) is top
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_a_maximum_promises_nothing_and_a_place_beside_it_does(kind):
+    here, low, high = heavy_tailed(kind, 1)
+    top = climb(here, low, high, 1e-3, 40)
+    assert promised(top, low, high) < 0.1
+    beside = top.at(np.clip(top.parameters - 0.5, low, high), top.weights)
+    assert promised(beside, low, high) > 0.5
 
 
 @given(st.integers(1, 30), st.integers(0, 40), st.integers(0, 2**32 - 1))

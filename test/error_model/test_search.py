@@ -12,7 +12,7 @@ from trajeval_ros.error_model.axes import Axes
 from trajeval_ros.error_model.likelihood import Data, Likelihood
 from trajeval_ros.error_model.maximum import climb
 from trajeval_ros.error_model.process import Kind
-from trajeval_ros.error_model.search import bounds, search
+from trajeval_ros.error_model.search import Guess, bounds, elsewhere, search
 from trajeval_ros.error_model.series import Series
 from trajeval_ros.error_model.structure import starts
 
@@ -144,3 +144,19 @@ def test_numpy_alone_ends_at_the_same_place(kind):
     np.testing.assert_allclose(guess.theta, expected.theta, atol=1e-9)
     for one, other in zip(guess.weights, expected.weights, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_what_was_taken_for_outliers_is_found_elsewhere():
+    data, gauge = alike(300, 5, wandering(300, 20.0, 2e-2, 0.8, 5e-3, 3), 20.0)
+    end = search(Kind.DRIFT, data, gauge, 0.05)
+    assert elsewhere(end, data, gauge, 0.5) is None
+    # No jitter, and each third step an outlier instead.
+    parameters = end.parameters.copy()
+    parameters[0, 0] = bounds(Kind.DRIFT, data)[0][0, 0]
+    moved = end.moved.copy()
+    moved[::3, 0] = 20.0
+    lesser = Guess(end.kind, parameters, end.measured, moved, end.theta, end.theta_covariance)
+    found = elsewhere(lesser, data, gauge, 0.5)
+    assert found is not None
+    np.testing.assert_allclose(found.parameters, end.parameters, atol=0.1)
+    assert (found.moved == 1.0).mean() > 0.99

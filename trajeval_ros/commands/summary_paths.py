@@ -34,7 +34,7 @@ _LIKELIHOOD = (
 _QUANTILES = "{min,p5,q1,median,q3,p95,max}"
 _KERNEL = "{,smooth_,rough_,correlated_noise_}"
 _ERROR_MODEL = f"""
-{{model,log_likelihood,nats_per_pose,nats_per_pose_uncorrected,chi2_per_dof,poses,fit}}
+{{model,log_likelihood,nats_per_pose,nats_per_pose_uncorrected,chi2_per_dof,poses,converged,fit}}
 {_BOTH}.{{jitter,drift,velocity,wander}}_std.{_VALUE} {_BOTH}.{{velocity,wander}}_time.{_VALUE}
 {_BOTH}.{{jitter,drift,velocity,wander}}_std.interval.* {_BOTH}.{{velocity,wander}}_time.interval.*
 {_BOTH}.long_run_drift{{,_by_distance}}.interval.*

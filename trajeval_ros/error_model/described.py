@@ -12,12 +12,12 @@ import numpy.typing as npt
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.intervals import Profiles
 from trajeval_ros.error_model.likelihood import Likelihood, clustered_ratio, scatter
-from trajeval_ros.error_model.maximum import JUMP, penalty
+from trajeval_ros.error_model.maximum import JUMP, penalty, promised
 from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
 from trajeval_ros.error_model.nuisances import COUNT, PRIOR_STD, Nuisances
 from trajeval_ros.error_model.observed import shown, unobserved
 from trajeval_ros.error_model.process import GROUPS, Kind
-from trajeval_ros.error_model.search import Guess, by_one_group
+from trajeval_ros.error_model.search import Guess, bounds, by_one_group
 from trajeval_ros.error_model.stamping import Scatter
 from trajeval_ros.error_model.whiteness import autocorrelation
 
@@ -61,6 +61,9 @@ def described(
     inflation = np.maximum(ratio, 1.0)
     data, own = here.data, here.theta_covariance
     step, covariance = shown(here.theta, own, np.exp(2.0 * here.parameters[:, 0]), data, here.gauge)
+    # A step of one standard deviation gains half a nat.
+    low, high = (each.ravel() for each in bounds(here.kind, data))
+    converged = promised(here, low, high) < 0.5 and (step**2 < np.diag(covariance)).all()
     covariance = covariance * inflation * inflation[:, None]
     clocks = _clock_by_group(nuisances, here, float(inflation[0]))
     nuisances = nuisances.moved(step)
@@ -86,6 +89,7 @@ def described(
         tuple(stretches),
         clocks,
         scatter_of_stamps,
+        bool(converged),
     )
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from trajeval_ros.error_model.described import described, reached
 from trajeval_ros.error_model.likelihood import Data, Likelihood
-from trajeval_ros.error_model.maximum import climb, penalised
+from trajeval_ros.error_model.maximum import climb, penalised, reweighted
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.nuisances import (
     COUNT,
@@ -30,6 +30,7 @@ from trajeval_ros.error_model.search import (
     MANY,
     Guess,
     bounds,
+    elsewhere,
     part_of,
     search,
     stretches,
@@ -74,6 +75,8 @@ _FARTHEST = np.log(2.0)
 # The maximum is found where another step gains less than this, nats, or after so many steps.
 _GAIN = 5e-3
 _STEPS = 25
+# Outliers are others where they promise so much, nats.
+_OTHER_OUTLIERS = 1.0
 # Stamps that scatter have to gain so many nats, as a nuisance that is named.
 _GAIN_OF_SCATTER = 10.0
 
@@ -156,6 +159,7 @@ def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
     candidates = problem.candidates(nuisances, drift)
     for best in sorted(candidates, key=lambda kind: -candidates[kind].score):
         moved, guess = problem.improved(nuisances, best, candidates[best].guess, coarse=False)
+        guess = problem.elsewhere(moved, guess)
         if not problem.enough(moved, near=False):
             problem.stay_near()
         moved, here = problem.maximum(moved, guess)
@@ -302,11 +306,22 @@ class _Problem:
             raise np.linalg.LinAlgError("no process has a likelihood")
         return found
 
+    def elsewhere(self, nuisances: Nuisances, guess: Guess) -> Guess:
+        """The guess, or what other starts find where that is likelier."""
+        data, gauge = self._prepared(nuisances, near=True)
+        other = elsewhere(guess, data, gauge, _COARSE)
+        if other is None:
+            return guess
+        # The axes of a group are alike in a search alone.
+        both = _Candidate.of(guess, data, gauge), _Candidate.of(other, data, gauge)
+        return max(both, key=lambda each: each.score).guess
+
     def maximum(self, nuisances: Nuisances, guess: Guess) -> tuple[Nuisances, Likelihood]:
         """The maximum of the likelihood, with the ground truth asked just there.
 
-        The parameters are found once, with the weights that there are; a step of the nuisances
-        hardly changes them.
+        The parameters are found once, with the weights that there are, unless others promise more:
+        asked just there, a pose may be an outlier that was none, or none that was one. A step of
+        the nuisances hardly changes either.
         """
         before = self._truth(nuisances, near=True).valid
         low, high = (each.ravel() for each in bounds(guess.kind, self._prepared(nuisances)[0]))
@@ -316,7 +331,10 @@ class _Problem:
             known = self._truth(nuisances, near=False).valid
             weights, before = _carried(weights, before, known), known
             weighted = replace(data, measured=weights[0], moved=weights[1])
-            here = Likelihood(guess.kind, parameters, weighted, gauge)
+            asked = Likelihood(guess.kind, parameters, weighted, gauge)
+            here = reweighted(asked, _OTHER_OUTLIERS)
+            climbs |= here is not asked
+            del asked  # a hundred arrays as long as the run
             if climbs:
                 here = climb(here, low, high, _GAIN, _STEPS, near=True, weighted=False)
             weights, parameters = here.weights, here.parameters

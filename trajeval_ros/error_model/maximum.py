@@ -188,6 +188,30 @@ def penalty(here: Climbable) -> float:
     return _KAPPA * sum(float(np.log(each).sum()) for each in here.weights)
 
 
+def promised(here: Climbable, low: Array, high: Array) -> float:
+    """What a step of the parameters would gain, nats, by the average information.
+
+    low, high: bounds of the parameters in a row, (p,).
+    """
+    given = here.parameters.ravel(), here.gradient().ravel(), here.average_information()
+    return _newton_step(*given, low, high)[1]
+
+
+def reweighted(here: Place, gain: float) -> Place:
+    """With likelier factors λ and the same parameters, as long as others promise ``gain`` nats."""
+    value, apart = penalised(here), _NEIGHBOURS
+    for _ in range(_ALONE):
+        weights, promised = _reweighted(here, apart)
+        if promised < gain:
+            break
+        there, reached = _moved(here, np.zeros(here.parameters.size), weights)
+        if there is not None and reached > value:
+            here, value = there, reached
+        else:
+            apart *= _FARTHER
+    return here
+
+
 def _updated(curvature: Array, step: Array, fallen: Array) -> Array:
     """The curvature (p, p) corrected by how much a ``step`` has lowered the slope (BFGS).
 

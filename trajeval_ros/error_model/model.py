@@ -77,6 +77,7 @@ class ErrorModel:
     clock_stretches: what parts of the run say of the offset.
     clock_by_group: the clock offset by positions alone and by orientations alone.
     stamps: by how much the estimate's own stamps scatter, where they do.
+    converged: whether the likelihood's maximum was reached, to within a standard deviation.
     """
 
     kind: Kind
@@ -95,6 +96,7 @@ class ErrorModel:
     clock_stretches: tuple[Stretch, ...] = ()
     clock_by_group: tuple[Figure, ...] = ()
     stamps: Scatter | None = None
+    converged: bool = True
 
     @property
     def std(self) -> Array:

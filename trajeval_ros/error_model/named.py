@@ -58,6 +58,7 @@ def named(model: ErrorModel) -> Figures:
             for each in model.unobserved
         ],
         "poses": model.poses,
+        "converged": model.converged,
         "log_likelihood": model.log_likelihood,
         "nats_per_pose": model.nats_per_pose,
         "nats_per_pose_uncorrected": model.uncorrected / model.poses,

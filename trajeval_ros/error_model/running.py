@@ -245,6 +245,7 @@ def combined(blocks: Sequence[_Block]) -> ErrorModel:
         clock_changes(stretches),
         tuple(stretches),
         stamps=Scatter.of([(model.stamps, model.poses) for model in models]),
+        converged=all(model.converged for model in models),
     )
 
 

@@ -29,6 +29,8 @@ LARGEST_STD = 1e3
 # Noise of this share of the ground truth's standard deviation, or a drift of it in all of the time,
 # is none.
 _NONE = 0.03
+# Up to so many times the least, a component is as good as nothing.
+_NOTHING = 10.0
 # Starts are told apart after so many steps, and a search ends after so many.
 _FEW = 4
 _STEPS = 20
@@ -92,6 +94,16 @@ def search(kind: Kind, data: Data, gauge: Array, gain: float, begin: Guess | Non
     as far as these are shared. It ends where another step gains less than ``gain``, nats.
     """
     return _Search(kind, data, gauge, gain).run(begin)
+
+
+def elsewhere(guess: Guess, data: Data, gauge: Array, gain: float) -> Guess | None:
+    """Where searches from other starts end, by group, if that is likelier; None where none is.
+
+    Outliers make more than one maximum, as does a component that is nothing: what is taken for one
+    hides the other. So a group that has either begins again without factors, where it is and at the
+    structure function. Any other has one maximum, and no other start.
+    """
+    return _Search(guess.kind, data, gauge, gain).elsewhere(guess)
 
 
 def by_one_group(guess: Guess, data: Data, gauge: Array) -> list[tuple[Array, Array]]:
@@ -187,8 +199,10 @@ class _Search:
                 break
             if begin is None and (size > _LONG).any():
                 places = None
+        return self._guess(places or self._climbed(None, theta), theta, covariance)
+
+    def _guess(self, places: list[Axes], theta: Array, covariance: Array) -> Guess:
         count = len(self._data.precision)
-        places = places or self._climbed(None, theta)
         return Guess(
             self._kind,
             np.stack([place.parameters for place in places]),
@@ -196,6 +210,50 @@ class _Search:
             np.stack([place.weights[1] for place in places], axis=1),
             theta[:count],
             covariance[:count, :count],
+        )
+
+    def elsewhere(self, begin: Guess) -> Guess | None:
+        """The likeliest end of other starts, all at the nuisances found."""
+        again = [self._may_have_others(begin, g) for g in range(2)]
+        if not any(again):
+            return None
+        theta = np.zeros(len(self._precision))
+        theta[: len(begin.theta)] = begin.theta
+        moved = [False, False]
+
+        def chain(g: int, series: Series) -> Axes:
+            here = Axes(self._kind, begin.parameters[g], replace(series, **_weights(begin, g)))
+            if not again[g]:
+                return here
+            low, high = self._low[g], self._high[g]
+            bare = replace(
+                series, measured=np.ones_like(series.measured), moved=np.ones_like(series.moved)
+            )
+            places = [begin.parameters[g], *starts(self._kind, bare)]
+            there = max(
+                (
+                    climbed(self._kind, np.clip(at, low, high), bare, low, high, self._gain, _STEPS)
+                    for at in places
+                ),
+                key=penalised,
+            )
+            moved[g] = penalised(there) > penalised(here) + self._gain
+            return there if moved[g] else here
+
+        places = self._rotation_first(theta, chain)
+        if not any(moved):
+            return None
+        step, covariance = self._regressed(places, theta)
+        return self._guess(places, theta + step, covariance)
+
+    def _may_have_others(self, guess: Guess, group: int) -> bool:
+        """Whether a group has outliers, or a component that is nothing."""
+        sizes = [not name.endswith("time") for name in self._kind.names]
+        least = self._low[group][sizes] + np.log(_NOTHING)
+        return bool(
+            (guess.measured[:, group] > 1.0).any()
+            or (guess.moved[:, group] > 1.0).any()
+            or (guess.parameters[group][sizes] < least).any()
         )
 
     def at(self, guess: Guess, theta: Array) -> list[Axes]:

@@ -154,6 +154,8 @@ def likeliest_scatter(
         if abs(step) < _CONVERGED * std:
             break
         place += float(np.clip(step, -_LONGEST, _LONGEST))
+    else:
+        here = at(place)
     value = float(np.exp(place))
     return here, value, value * std
 

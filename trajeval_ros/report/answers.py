@@ -387,6 +387,9 @@ def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
         size, when = change["after"] - change["before"], 0.5e-9 * (change["begin"] + change["end"])
         shown = _number(size, change["std"], 1e3)
         found.append(("Clock", f"changes by {shown} ms at {when - start:.1f} s"))
+    if not model.get("converged", True):
+        text = "the search for the likeliest errors did not reach the end: the ± are too small"
+        found.append(("Doubt", text))
     return [*found, *_correlated(model)]
 
 
