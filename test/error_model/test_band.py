@@ -40,7 +40,7 @@ def same(found, expected):
 @given(count=st.integers(3, 40), columns=st.integers(1, 20), seed=st.integers(0, 999))
 def test_both_say_the_same(kind, count, columns, seed):
     here = likelihood(kind, count, seed, columns)
-    system, slopes = here._system, here._slopes
+    system, slopes = here._system, here._steps.slopes
     found, expected = Band(system), Information(system)
     same(found.normal, expected.normal)
     assert found.log_det == pytest.approx(expected.log_det, rel=1e-11)

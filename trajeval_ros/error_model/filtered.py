@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from trajeval_ros import loops
 from trajeval_ros.error_model.maximum import RULES
-from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.process import NUMBERS, Kind
 from trajeval_ros.error_model.series import Series
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +41,6 @@ SMOOTHED = np.dtype(
 )
 # What a climb works with, numbers a pose.
 _WORK = 11
-_NUMBERS = {Kind.DRIFT: 0, Kind.VELOCITY: 1, Kind.WANDER: 2}
 _AXES = 3
 
 
@@ -98,7 +97,7 @@ def climbed(
     records, *rest = smoothed.arrays
     reached = here, factors, filtered.view(np.float64), found, records, *rest
     work = np.empty(_WORK * count)
-    told = loops.call("chain_climb", _NUMBERS[kind], count, size, *given, *rules, *reached, work)
+    told = loops.call("chain_climb", NUMBERS[kind], count, size, *given, *rules, *reached, work)
     if told < 0:
         raise np.linalg.LinAlgError("no likelihood")
     there = replace(series, measured=factors[:count], moved=factors[count:])
@@ -146,7 +145,7 @@ class Filtered:
         self.value = float(self._found[0])
 
     def _call(self, name: str, *arrays: Array) -> int:
-        return loops.call(name, _NUMBERS[self._kind], self._count, self._parameters, *arrays)
+        return loops.call(name, NUMBERS[self._kind], self._count, self._parameters, *arrays)
 
     @cached_property
     def _smoothed(self) -> _Smoothed:

@@ -27,8 +27,9 @@ import numpy.typing as npt
 
 from trajeval_ros.error_model.band import regressed
 from trajeval_ros.error_model.factored import ROUND_OFF
-from trajeval_ros.error_model.process import Kind, steps
-from trajeval_ros.error_model.system import AXES, PREDICTED, Slopes, System, Told, inverse
+from trajeval_ros.error_model.grouped import GroupedSteps
+from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.system import AXES, PREDICTED, System, Told
 
 Array = npt.NDArray[np.float64]
 
@@ -108,13 +109,10 @@ class Likelihood:
         self.kind, self.parameters, self.data, self.gauge = kind, parameters, data, gauge
         self.count = len(data.times)
         bounded = kind is Kind.WANDER
-        self._steps = [
-            steps(kind, each, data.intervals, factors)
-            for each, factors in zip(parameters, data.moved.T, strict=True)
-        ]
+        self._steps = GroupedSteps(kind, parameters, data.intervals, data.moved)
         self._jitter = np.exp(2.0 * parameters[:, 0])
-        noise = np.stack([step.noise.transpose(1, 2, 0) for step in self._steps])
-        precision, process_log_det = inverse(noise)
+        moves, noise, precision, process_log_det = self._steps.all
+        prior, log_prior, _ = self._steps.begin
         self._system = System(
             data.covariance,
             data.measured * self._jitter,
@@ -122,11 +120,11 @@ class Likelihood:
             gauge if bounded else gauge[:, :, :0],
             data.errors,
             np.zeros_like(data.travel) if bounded else data.travel,
-            np.stack([step.transition.transpose(1, 2, 0) for step in self._steps]),
+            moves,
             noise,
             precision,
-            np.stack([step.prior for step in self._steps]),
-            AXES * (process_log_det - sum(step.log_prior for step in self._steps)),
+            prior,
+            AXES * (process_log_det - log_prior),
         )
         self._regressed = regressed(self._system)
         self._integrate()
@@ -168,29 +166,20 @@ class Likelihood:
         root: Array = np.asarray(np.linalg.cholesky(self.theta_covariance), np.float64)
         return self._regressed.told(self.theta, root)
 
-    @cached_property
-    def _slopes(self) -> Slopes:
-        """Of the steps, by the parameters."""
-        return Slopes(
-            np.stack([step.slope_noise.transpose(0, 2, 3, 1) for step in self._steps], axis=1),
-            np.stack([step.slope_transition[-1].transpose(1, 2, 0) for step in self._steps]),
-            np.stack([step.slope_prior for step in self._steps], axis=1),
-        )
-
     def gradient(self) -> Array:
         """``∂ log L / ∂ψ``, (2, p)."""
         return np.asarray(self.scores().sum(axis=0))
 
     def scores(self) -> Array:
         """What each pose, with the step that leads to it, adds to the gradient; (N, 2, p)."""
-        told, slopes = self.told, self._slopes
+        told, slopes = self.told, self._steps.slopes
         found: Array = np.zeros((2, len(self.kind.names), self.count))
         found[:, 0] = self._system.jitter.T * (told.squares - told.informed)
         found[..., 1:] += 0.5 * np.einsum("gcdn,jgcdn->gjn", told.moves - told.moved, slopes.noise)
         found[:, -1, 1:] += np.einsum("gcn,gcn->gn", slopes.moves[:, :, -1], told.crossed)
         last = told.states[0, -PREDICTED:].reshape(2, AXES)
         begin = (last**2).sum(axis=1) + told.first
-        found[..., 0] += 0.5 * AXES * np.stack([step.slope_log_prior for step in self._steps])
+        found[..., 0] += 0.5 * AXES * self._steps.begin[2]
         found[..., 0] -= 0.5 * slopes.prior[:, :, -1, -1].T * begin[:, None]
         return np.moveaxis(found, -1, 0)
 
@@ -206,7 +195,7 @@ class Likelihood:
 
     @cached_property
     def _average_information(self) -> Array:
-        found, ahead = self._regressed.average(self.told, self._slopes)
+        found, ahead = self._regressed.average(self.told, self._steps.slopes)
         return np.asarray(0.5 * (found - ahead.T @ self.theta_covariance @ ahead))
 
     def disturbances(self) -> tuple[Array, Array, Array, Array]:

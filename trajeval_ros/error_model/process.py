@@ -51,6 +51,10 @@ class Kind(enum.StrEnum):
         }[self]
 
 
+NUMBERS = {Kind.DRIFT: 0, Kind.VELOCITY: 1, Kind.WANDER: 2}
+"""What the loops in C call each."""
+
+
 @dataclass(frozen=True, slots=True)
 class Steps:
     """A group's F and Q, (n, k, k), and their derivatives by each of its p parameters.
@@ -80,8 +84,6 @@ def steps(kind: Kind, parameters: Array, intervals: Array, factors: Array | None
     # In memory the pose comes last: each entry is worked out for all poses at once.
     transition, noise = np.zeros((2, k, k, n)).transpose(0, 3, 1, 2)
     d_transition, d_noise = np.zeros((2, p, k, k, n)).transpose(0, 1, 4, 2, 3)
-    prior, d_prior, d_log = np.zeros((k, k)), np.zeros((p, k, k)), np.zeros(p)
-    log_prior = 0.0
     if kind is not Kind.WANDER:
         transition[:, 0, 0] = 1.0
         noise[:, 0, 0] = intervals * np.exp(2.0 * parameters[1])
@@ -106,13 +108,21 @@ def steps(kind: Kind, parameters: Array, intervals: Array, factors: Array | None
             d_noise[-1, :, 0, 1] = d_noise[-1, :, 1, 0] = cross
         noise += stationary
         d_noise[-2] = 2.0 * stationary
-        prior[-1, -1] = 1.0 / variance
-        d_prior[-2, -1, -1] = -2.0 / variance
-        log_prior, d_log[-2] = -2.0 * float(parameters[-2]), -2.0
     if factors is not None:
         noise[:, 0, 0] *= factors
         d_noise[:, :, 0, 0] *= factors
-    return Steps(transition, noise, d_transition, d_noise, prior, d_prior, log_prior, d_log)
+    return Steps(transition, noise, d_transition, d_noise, *first(kind, parameters))
+
+
+def first(kind: Kind, parameters: Array) -> tuple[Array, Array, float, Array]:
+    """Of the first pose: the prior, its slopes, its log-determinant, and that one's (`Steps`)."""
+    k, p = kind.components, len(parameters)
+    prior, slopes, slope = np.zeros((k, k)), np.zeros((p, k, k)), np.zeros(p)
+    if kind is Kind.DRIFT:
+        return prior, slopes, 0.0, slope
+    precision = np.exp(-2.0 * parameters[-2])
+    prior[-1, -1], slopes[-2, -1, -1], slope[-2] = precision, -2.0 * precision, -2.0
+    return prior, slopes, -2.0 * float(parameters[-2]), slope
 
 
 def _integral(h: Array, a: Array) -> Array:

@@ -36,6 +36,12 @@ typedef struct {
     double adjoint[LANES];  /* ε: how F's slope by the time is felt, here and later */
 } Smoothed;
 
+/* A function of each process by itself: much of it is nothing for some. */
+#define OF_KIND(function, kind, ...)                                  \
+    ((kind) == DRIFT      ? function(DRIFT, __VA_ARGS__)              \
+     : (kind) == VELOCITY ? function(VELOCITY, __VA_ARGS__)           \
+                          : function(WANDER, __VA_ARGS__))
+
 int chain_filter(int64_t kind, int64_t count, const double *parameters, const double *intervals,
                  const double *errors, const double *variance, const double *measured,
                  const double *moved, Filtered *filtered, double *found);
