@@ -1,6 +1,8 @@
 # Copyright 2026 The trajeval_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
+import contextlib
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -152,3 +154,21 @@ def test_the_regime_that_is_found_is_the_one_that_the_motion_is_in(change):
     squares, _ = first([usual])
     ratio = float(squares[0]) / values.values[20:].size
     assert best_regime(learned, usual, values, 20, ratio) == usual
+
+
+@pytest.mark.parametrize("start", [Regime(0, 2), Regime(-1, 4)])
+@pytest.mark.parametrize("loop", [True, False])
+def test_motion_far_below_the_noise_is_found_where_more_noise_is_refuted(start, loop):
+    """Learned at rest, where the motion is a hundredth of the noise: twice it changes nothing."""
+    rng, model = np.random.default_rng(2), MODELS["matern52"]
+    grid = Grid(0.1, 1.0, 1e-4, 2e-2)
+    theta = np.log([2e-4, 60.0, 1e-4, 1.2, 2e-4, 60.0, 1e-2])
+    times = 0.1 * np.arange(30)
+    drive = 0.5 * np.maximum(times - 2.0, 0.0) ** 2
+    values = drive[:, None] * [1.0, 0.5, 0.2] + rng.normal(0.0, 1e-2, (30, 3))
+    learned = Learned(model, grid, theta, 1e-3)
+    asked = Values(times, values.reshape(30, 1, 3), np.zeros((30, 1)))
+    with contextlib.nullcontext() if loop else loops.left_out():
+        found = best_regime(learned, start, asked, 22, 8.0)
+    assert found.motion >= 4
+    assert found.noise <= 1

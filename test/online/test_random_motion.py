@@ -47,10 +47,11 @@ def profile(rng):
 UNDERSAMPLED = pytest.mark.xfail(strict=True, reason="a phase of new motion is learned too late")
 
 
+# At 139 and 157 a robot that has stood so far drives off: that is no noise.
 # Rates from 0.5 to 200 Hz and noise from 0.5 mm to 0.3 m, as the seed has it.
 @pytest.mark.parametrize(
     "seed",
-    [1, 5, 6, 14, 39, *(pytest.param(seed, marks=UNDERSAMPLED) for seed in (23, 32))],
+    [1, 5, 6, 14, 39, 139, 157, *(pytest.param(seed, marks=UNDERSAMPLED) for seed in (23, 32))],
 )
 def test_it_knows_how_well_it_knows(seed):
     rng = np.random.default_rng(seed)

@@ -58,6 +58,9 @@ _CONTEXT = 24
 # Of fewer than this, no regime is taken whose noise is more than twice as large.
 _FEW = 24
 _PRIOR_STDS = np.array(PRIOR_STDS)
+# Noise of 4 times what was learned is rare: where samples refute that, too, so many motions far off
+# are looked at. Sooner, a burst of noise would be taken for motion. (In C: NOISY, FAR.)
+_NOISY, _FAR = 2, 6
 # A search ends after so many rounds.
 _ROUNDS = 6
 
@@ -152,6 +155,10 @@ def best_regime(
     near = (leap, leap - 1, leap - 2) if leap > 0 else (leap, leap + 1)
     moves = [(m, 0) for m in near] + [(0, n) for n in near[:2]] + [(0, 0)]
     look_at([*(start.moved(m, n) for m, n in moves), Regime(0, start.noise), USUAL])
+    if leap > 0 and start.noise >= _NOISY:
+        # Motion far below the noise shows only once it is many times as lively.
+        quiet = Regime(start.motion)
+        look_at(quiet.moved(leap + 2 * step, 0) for step in range(1, _FAR + 1))
     for _ in range(_ROUNDS):
         best, looked_at = max(known, key=lambda regime: (known[regime], regime)), len(known)
         look_at(best.moved(m, n) for m, n in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)))

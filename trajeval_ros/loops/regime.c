@@ -8,6 +8,8 @@
 
 /* Of all regimes that are looked at, of those together, of groups and of kernels: the most. */
 enum { TRIED = 64, TOGETHER = 8, PARALLEL = 3, KERNELS = 8 };
+/* Where so many times the noise, 2^NOISY, is refuted, so many motions far off are looked at. */
+enum { NOISY = 2, FAR = 6 };
 
 /* Motion 2^motion times as lively as learned, noise 2^noise times as large. */
 typedef struct {
@@ -179,6 +181,13 @@ int regime_best(const double *times, const double *values, const double *varianc
             near[n++] = moved(from, 0, leap + way, most);
     }
     look_at(&q, near, n, noisiest, stds, &known);
+    if (leap > 0 && from.noise >= NOISY) {
+        /* Motion far below the noise shows only once it is many times as lively. */
+        const Regime quiet = {from.motion, 0};
+        for (int64_t i = 0; i < FAR; i++)
+            near[i] = moved(quiet, leap + 2 * (i + 1), 0, most);
+        look_at(&q, near, FAR, noisiest, stds, &known);
+    }
     int64_t best = best_of(&known);
     for (int64_t round = 0, looked_at = 0; round < rounds && known.count > looked_at; round++) {
         const Regime here = known.regimes[best];
