@@ -64,6 +64,9 @@ def jolted(seed: int, rate: float, fewest: int = 600) -> Samples:
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, :3] = se3.exp_so3(np.stack([0.2 * time, 0.1 * time, 0.3 * time], axis=1))
     poses[:, :3, 3] = np.cumsum(velocity, axis=0) / rate
+    # Noise: of exact samples round-off decides, and that is another on each machine.
+    poses[:, :3, 3] += generator.normal(scale=2e-4, size=(count, 3))
+    poses[:, :3, :3] @= se3.exp_so3(generator.normal(scale=2e-4, size=(count, 3)))
     for at in generator.integers(60, count - 60, size=3):  # the origin jumps
         poses[at:, :3, 3] += generator.normal(scale=generator.choice([0.02, 0.1, 0.6]), size=3)
     for at in generator.integers(60, count - 60, size=4):  # outliers
