@@ -250,7 +250,8 @@ def test_a_full_disk_costs_what_does_not_fit(run: tuple[Path, Path], tmp_path: P
     assert result.returncode == 1
     assert "ATE" in result.stdout
     assert f"Written: summary.json in {tmp_path / 'out'}" in result.stdout
-    poses, report = result.stderr.splitlines()
+    # Where it takes long, how far it is is said, too.
+    poses, report = (each for each in result.stderr.splitlines() if "poses/s" not in each)
     assert re.match(r"evaluate: error: .*poses\.csv lacks [\d,]+ poses.*File too large", poses)
     assert re.match(r"evaluate: error: cannot write .*report\.html: File too large", report)
     assert sorted(os.listdir(tmp_path / "out")) == ["poses.csv", "summary.json"]
@@ -393,7 +394,7 @@ def test_an_estimate_that_nobody_filled_in_is_evaluated_and_said(
 
     result = evaluate("tum", run[0], edited(spoil), "--output", tmp_path / "out")
     assert result.returncode == 0, result.stderr
-    assert result.stderr == ""
+    assert [each for each in result.stderr.splitlines() if "poses/s" not in each] == []
     assert f"likely cause: the estimate's {code}" in result.stdout or (
         f"likely cause: the estimate {code}" in result.stdout
     )
@@ -424,7 +425,8 @@ def test_a_reader_that_leaves_is_no_error(run: tuple[Path, Path]) -> None:
         check=False,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
-    assert (result.returncode, result.stderr) == (0, "")
+    others = [each for each in result.stderr.splitlines() if "poses/s" not in each]
+    assert (result.returncode, others) == (0, [])
 
 
 # -- the other formats ---------------------------------------------------------------------------
