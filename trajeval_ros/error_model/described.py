@@ -12,7 +12,7 @@ import numpy.typing as npt
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.intervals import Profiles
 from trajeval_ros.error_model.likelihood import Likelihood, clustered_ratio, scatter
-from trajeval_ros.error_model.maximum import JUMP, penalty, promised
+from trajeval_ros.error_model.maximum import JUMP, UNFINISHED, penalty, promised
 from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
 from trajeval_ros.error_model.nuisances import COUNT, PRIOR_STD, Nuisances
 from trajeval_ros.error_model.observed import shown, unobserved
@@ -61,9 +61,8 @@ def described(
     inflation = np.maximum(ratio, 1.0)
     data, own = here.data, here.theta_covariance
     step, covariance = shown(here.theta, own, np.exp(2.0 * here.parameters[:, 0]), data, here.gauge)
-    # A step of one standard deviation gains half a nat.
     low, high = (each.ravel() for each in bounds(here.kind, data))
-    converged = promised(here, low, high) < 0.5 and (step**2 < np.diag(covariance)).all()
+    converged = promised(here, low, high) < UNFINISHED and (step**2 < np.diag(covariance)).all()
     covariance = covariance * inflation * inflation[:, None]
     clocks = _clock_by_group(nuisances, here, float(inflation[0]))
     nuisances = nuisances.moved(step)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from trajeval_ros.error_model.described import described, reached
 from trajeval_ros.error_model.likelihood import Data, Likelihood
-from trajeval_ros.error_model.maximum import climb, penalised, reweighted
+from trajeval_ros.error_model.maximum import UNFINISHED, climb, penalised, promised, reweighted
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.nuisances import (
     COUNT,
@@ -344,6 +344,9 @@ class _Problem:
             if last or _is_short(step, covariance) or not self.enough(proposed, near=False):
                 break
             nuisances, climbs = proposed, not _is_short(step, covariance, _FAR)
+        if promised(here, low, high) > UNFINISHED:
+            # As where a component is nearly nothing, the curvature of where it began has misled.
+            here = climb(here, low, high, _GAIN, _STEPS, weighted=False)
         return nuisances, here
 
     def _step(self, guess: Guess, data: Data, gauge: Array) -> tuple[Array, Array]:

@@ -43,6 +43,9 @@ _NEIGHBOURS = 1
 _FARTHER = 4
 # All change that do so by less than this in the logarithm.
 _LITTLE_CHANGE = 0.3
+UNFINISHED = 0.5
+"""What a step of one standard deviation gains, nats: one that promises more is to be taken."""
+
 # Below this gain of the factors (nats), or that of the parameters, a change of slope is theirs.
 _SETTLED = 0.3
 # After a longer step, in the logarithm of a parameter, its information is found anew.
