@@ -3,27 +3,19 @@
 """``evaluate bag`` on real bags."""
 
 import json
-import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from test_evaluate import evaluate
 
 ROOT = Path(__file__).resolve().parents[2]
 BAGS = ROOT.parent / "shared" / "data" / "rosbags"
 
 
 def evaluate_bag(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "trajeval_ros.commands.evaluate", "bag", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
+    return evaluate("bag", *arguments)
 
 
 def bag(name: str) -> Path:

@@ -28,7 +28,8 @@ DATA = ROOT.parent / "shared" / "data"
 
 
 def evaluate(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
+    """As a user would; on stderr without how far it is, which a slow machine says and no other."""
+    result = subprocess.run(
         [sys.executable, "-m", "trajeval_ros.commands.evaluate", *map(str, arguments)],
         capture_output=True,
         text=True,
@@ -37,6 +38,12 @@ def evaluate(*arguments: object, **options: Any) -> subprocess.CompletedProcess[
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         **options,
     )
+    result.stderr = without_progress(result.stderr)
+    return result
+
+
+def without_progress(said: str) -> str:
+    return re.sub(r".*: [\d,]+ of [\d,]+ \w+.*, [\d,]+ \w+/s.*\n", "", said)
 
 
 def summary_of(folder: Path) -> Any:
@@ -250,8 +257,7 @@ def test_a_full_disk_costs_what_does_not_fit(run: tuple[Path, Path], tmp_path: P
     assert result.returncode == 1
     assert "ATE" in result.stdout
     assert f"Written: summary.json in {tmp_path / 'out'}" in result.stdout
-    # Where it takes long, how far it is is said, too.
-    poses, report = (each for each in result.stderr.splitlines() if "poses/s" not in each)
+    poses, report = result.stderr.splitlines()
     assert re.match(r"evaluate: error: .*poses\.csv lacks [\d,]+ poses.*File too large", poses)
     assert re.match(r"evaluate: error: cannot write .*report\.html: File too large", report)
     assert sorted(os.listdir(tmp_path / "out")) == ["poses.csv", "summary.json"]
@@ -394,7 +400,7 @@ def test_an_estimate_that_nobody_filled_in_is_evaluated_and_said(
 
     result = evaluate("tum", run[0], edited(spoil), "--output", tmp_path / "out")
     assert result.returncode == 0, result.stderr
-    assert [each for each in result.stderr.splitlines() if "poses/s" not in each] == []
+    assert result.stderr == ""
     assert f"likely cause: the estimate's {code}" in result.stdout or (
         f"likely cause: the estimate {code}" in result.stdout
     )
@@ -425,8 +431,7 @@ def test_a_reader_that_leaves_is_no_error(run: tuple[Path, Path]) -> None:
         check=False,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
-    others = [each for each in result.stderr.splitlines() if "poses/s" not in each]
-    assert (result.returncode, others) == (0, [])
+    assert (result.returncode, without_progress(result.stderr)) == (0, "")
 
 
 # -- the other formats ---------------------------------------------------------------------------
