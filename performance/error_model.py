@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
+from trajeval_ros.diagnosis.fitted import sized
 from trajeval_ros.error_model.at_samples import fit_independent
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.fit import fit
@@ -392,7 +393,8 @@ def table(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
         found = fit(*estimate(data / dataset / f"{name}.txt"), ask)
         if found is None:
             continue
-        said = dict(answers.leading(named(found)))
+        model = named(found)
+        said = dict(answers.leading(model))
         jitter, kind = said["Kind of error"].removeprefix("jitter ").split(";\n", 1)
         kind = kind.replace("\n", " ")
         nats = ", ".join(f"{found.alternatives[each]:.2f}" for each in Kind)
@@ -402,8 +404,8 @@ def table(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
         for i, (factor, unit) in enumerate(((1e3, " ms"), (1e6, " ppm"))):
             value, std = factor * found.nuisances.vector[i], factor * found.std[i]
             cells.append(f"{value:.2f} ± {std:.2f}{unit}")
-        arm = 1e3 * float(np.linalg.norm(found.nuisances.extrinsic[:3, 3]))
-        cells.append(f"{arm:.0f} ± {1e3 * found.std[2:5].max():.0f} mm")
+        arm = sized(model, "translation")
+        cells.append(f"{1e3 * arm['value']:.0f} ± {1e3 * arm['std']:.0f} mm")
         scale = found.nuisances.scale
         cells.append(f"{scale:.4f} ± {scale * found.std[8]:.4f}")
         cells += [nats, f"{gain:.2f}", white, str(len(found.jumps))]

@@ -15,6 +15,7 @@ from trajeval_ros.diagnosis.fitted import (
     lever_arm_causes,
     lever_arm_is_beyond_doubt,
     shown_of_lever_arm,
+    sized,
     together,
     told_lever_arm,
 )
@@ -100,6 +101,26 @@ def test_a_cause_and_the_headline_say_the_same_and_the_advice_sets_no_more():
     assert "a turn of 1.146 ± 0.057 degrees" in cause.text
     assert "lever arm" not in cause.text
     assert cause.advice.startswith("set extrinsic=0,0,0,0,0,0.0099998,")
+
+
+def test_a_size_is_known_along_itself_with_what_its_components_share():
+    model = named(fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask))
+    arm, turn = [0.06, 0.08, 0.0], [0.0, 0.0, 0.0]
+    stds = [0.003, 0.004, 0.02], [1e-3, 2e-3, 1e-3]
+    covariance = np.diag(np.square([1e-4, 1e-5, *stds[0], *stds[1], 1e-3]))
+    covariance[2, 3] = covariance[3, 2] = -0.5 * 0.003 * 0.004
+    model["covariance"] = covariance.tolist()
+    model["extrinsic"] = {
+        "translation": {"value": arm, "std": stds[0]},
+        "rotation": {"value": turn, "std": stds[1]},
+        "pose": [*arm, 0.0, 0.0, 0.0, 1.0],
+    }
+    # 0.6² 9 + 0.8² 16 - 0.6 0.8 12 = 7.72 mm².
+    assert sized(model, "translation") == pytest.approx({"value": 0.1, "std": 1e-3 * 7.72**0.5})
+    assert sized(model, "rotation") == {"value": 0.0, "std": 2e-3}
+    assert "lever arm 100.0 ± 2.8 mm" in dict(leading(model))["Not its fault"]
+    (cause,) = (c for c in fitted_causes(model, "se3", 0.0, NONE) if c.code == "body_frame")
+    assert "a lever arm of 100.0 ± 2.8 mm" in cause.text
 
 
 @pytest.mark.parametrize(
