@@ -23,7 +23,7 @@ from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.named import named
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.process import Kind
-from trajeval_ros.report.answers import answer, leading
+from trajeval_ros.report.answers import answer, leading, sentences
 
 FINE = np.log([[5e-4, 3e-3], [5e-4, 1e-3]])
 ARM = se3.exp(np.array([0.03, 0.0, 0.02, 0.0, 0.0, 0.0]))
@@ -131,6 +131,18 @@ def test_on_which_side_stamps_are_off_is_a_word_and_no_sign(offset, text):
     digits, unit, known = (1, "ms", " ± 0.3") if offset > 0.0 else (0, "s", "")
     said = too_early(offset * (1e3 if unit == "ms" else 1.0), digits, unit, known)
     assert said == f"the estimate's {text}"
+
+
+def test_to_which_side_stamps_change_is_the_same_word_everywhere():
+    """Poses from the 800th on are stamped 12 ms too early: so much more is to be added to them."""
+    stamps, found = estimate(Kind.DRIFT, FINE, Nuisances.none(), count=1600)
+    late = stamps.copy()
+    late[800:] -= 12_000_000
+    model = named(fit(late, found, ask))
+    (cause,) = (c for c in fitted_causes(model, "se3", 0.0, NONE) if c.code == "clock_change")
+    assert " ms earlier from " in cause.text
+    summary = {"error_model": model, "ground_truth": {}}
+    assert " ms earlier from " in dict(sentences(summary))["Clock"]
 
 
 def test_a_size_within_its_uncertainty_is_a_bound():

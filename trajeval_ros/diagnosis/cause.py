@@ -25,3 +25,8 @@ def too_early(offset: float, digits: int, unit: str = "s", known: str = "") -> s
     """How stamps are off to which ``offset`` is to be added: by how much, and on which side."""
     side = "early" if offset > 0.0 else "late"
     return f"the estimate's stamps are {abs(offset):,.{digits}f}{known} {unit} too {side}"
+
+
+def earlier_or_later(change: float) -> str:
+    """How stamps go on where what is to be added to them changes by so much."""
+    return "earlier" if change > 0.0 else "later"

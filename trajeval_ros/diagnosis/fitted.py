@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from trajeval_ros import se3
-from trajeval_ros.diagnosis.cause import Cause, too_early
+from trajeval_ros.diagnosis.cause import Cause, earlier_or_later, too_early
 from trajeval_ros.diagnosis.rotations import Array
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 
@@ -249,12 +249,12 @@ def _rate(model: Mapping[str, Any]) -> tuple[Cause, ...]:
 def _changes(model: Mapping[str, Any]) -> tuple[Cause, ...]:
     found = []
     for change in model.get("clock_changes", ())[:1]:
-        size, when = change["before"] - change["after"], 0.5e-9 * (change["begin"] + change["end"])
+        size, when = change["after"] - change["before"], 0.5e-9 * (change["begin"] + change["end"])
         found.append(
             Cause(
                 "clock_change",
-                f"the estimate's clock changes by {1e3 * size:.1f} ± {1e3 * change['std']:.1f} ms"
-                f" at {when:.1f} s",
+                f"the estimate's stamps are {1e3 * abs(size):.1f} ± {1e3 * change['std']:.1f} ms"
+                f" {earlier_or_later(size)} from {when:.1f} s on",
                 "look what its driver did then; evaluate the parts before and after by themselves",
             )
         )

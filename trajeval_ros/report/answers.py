@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from trajeval_ros.diagnosis.cause import earlier_or_later
 from trajeval_ros.diagnosis.fitted import (
     beyond_doubt,
     digits_of,
@@ -385,8 +386,8 @@ def _doubts(model: Figures, start: float) -> list[tuple[str, str]]:
         found.append(("Doubt", f"{text}no one offset puts both right"))
     for change in model.get("clock_changes", ())[:3]:
         size, when = change["after"] - change["before"], 0.5e-9 * (change["begin"] + change["end"])
-        shown = _number(size, change["std"], 1e3)
-        found.append(("Clock", f"changes by {shown} ms at {when - start:.1f} s"))
+        shown = f"{_number(abs(size), change['std'], 1e3)} ms {earlier_or_later(size)}"
+        found.append(("Clock", f"its stamps are {shown} from {when - start:.1f} s on"))
     if not model.get("converged", True):
         text = "the search for the likeliest errors did not reach the end: the ± are too small"
         found.append(("Doubt", text))

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from trajeval_ros.diagnosis.cause import earlier_or_later
 from trajeval_ros.report.coverage import SECOND
 from trajeval_ros.report.jumps import of_ground_truth
 from trajeval_ros.report.series import coverage_gaps
@@ -76,10 +77,9 @@ def moments(one: Shown) -> list[Moment]:
         size = f"{length(jump['translation'])}, {math.degrees(jump['rotation']):.2g}°"
         found.append(Moment("jump", f"jump of {size}", jump["stamp"], jump["stamp"]))
     for change in model.get("clock_changes", ())[:_MOST]:
-        by = 1e3 * (change["after"] - change["before"])
-        found.append(
-            Moment("clock", f"clock changes by {by:.2g} ms", change["begin"], change["end"])
-        )
+        by = change["after"] - change["before"]
+        text = f"stamps {1e3 * abs(by):.2g} ms {earlier_or_later(by)} from here on"
+        found.append(Moment("clock", text, change["begin"], change["end"]))
     gaps = sorted(coverage_gaps(one.run.ground_truth), key=lambda gap: -gap.seconds)[:_MOST]
     found += [Moment("gap", f"gap of {gap.seconds:.3g} s", gap.start, gap.end) for gap in gaps]
     loss = summary["coverage"]["longest_loss"]
