@@ -19,9 +19,14 @@ ROOT = Path(__file__).resolve().parents[1]
 of_glibc = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of glibc's allocator")
 
 FAULTS = """
+import ctypes
 import resource
 import numpy as np
 from trajeval_ros import memory
+
+# Where the system makes all pages huge ones, a fault is one for 512 of them.
+PR_SET_THP_DISABLE = 41
+ctypes.CDLL(None).prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0)
 
 def faults():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
