@@ -61,6 +61,29 @@ def test_ends_are_where_the_profile_has_fallen(kind, number):
             assert fallen(here, 0, number, end) == pytest.approx(1.92 * ratio**2, rel=0.25)
 
 
+class Walled(Profiles):
+    """Without a likelihood where a logarithm is beyond the wall."""
+
+    wall = 0.0
+
+    def _held(self, here, number, at):
+        if at > self.wall:
+            raise np.linalg.LinAlgError
+        return super()._held(here, number, at)
+
+
+@pytest.mark.parametrize("first", [0.2, 1.0, 5.0])
+def test_where_there_is_no_likelihood_the_end_is_nearer(first):
+    """Errors of exactly nothing left no digits far off, and cost the whole model."""
+    here = at_its_maximum(Kind.DRIFT)
+    _, expected = Profiles(here, 0).interval(1, 0.2, 1.0)
+    profiles = Walled(here, 0)
+    profiles.wall = np.log(expected) + 0.1
+    _, high = profiles.interval(1, first, 1.0)
+    assert high <= np.exp(profiles.wall)
+    assert fallen(here, 0, 1, high) == pytest.approx(1.92, rel=0.25)
+
+
 def test_what_may_be_nothing_has_an_interval_from_zero():
     here = at_its_maximum(Kind.WANDER, jitter=0.0)
     low, high = Profiles(here, 0).interval(0, 1.0, 1.0)

@@ -70,8 +70,11 @@ class Profiles:
         at = begin + step
         for _ in range(_POINTS):
             at = max(at, limit) if step < 0.0 else min(at, limit)
-            here = self._held(here, number, at)
-            fallen = float(np.sqrt(max(self._top.value - here.value, 0.0) / fall))
+            try:
+                here = self._held(here, number, at)
+                fallen = float(np.sqrt(max(self._top.value - here.value, 0.0) / fall))
+            except np.linalg.LinAlgError:  # so far off that no digits are left
+                fallen = np.inf
             if abs(fallen - 1.0) < _NEAR:
                 break
             if fallen > 1.0:
