@@ -254,7 +254,7 @@ def _changes(model: Mapping[str, Any]) -> tuple[Cause, ...]:
             Cause(
                 "clock_change",
                 f"the estimate's stamps are {1e3 * abs(size):.1f} ± {1e3 * change['std']:.1f} ms"
-                f" {earlier_or_later(size)} from {when:.1f} s on",
+                f" {earlier_or_later(size)} from stamp {when:.1f} s on",
                 "look what its driver did then; evaluate the parts before and after by themselves",
             )
         )
