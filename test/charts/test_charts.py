@@ -285,6 +285,39 @@ def test_on_paper_each_figure_is_vectors(tab: Any) -> None:
     assert b"/Subtype /Image" not in pdf
 
 
+def test_labels_of_marks_that_lie_near_do_not_overlap(tab: Any) -> None:
+    names = ["start", "end", "worst, 256 mm", "a jump", "another jump"]
+    tab.evaluate(
+        "window.before = figures.top.spec.marks; figures.top.update({marks: ["
+        + ", ".join(
+            f"{{time: {6 + 0.9 * k}, text: '{n}', kind: 'event'}}" for k, n in enumerate(names)
+        )
+        + "]}); dispatchEvent(new Event('beforeprint'))"
+    )
+    tab.emulate_media(media="print")
+    boxes = tab.evaluate(
+        "[...document.querySelectorAll('#top .printed text[style*=paint-order]')].map((text) => {"
+        " const { x, y, width, height } = text.getBBox();"
+        " return [text.textContent, x, y, x + width, y + height]; })"
+    )
+    tab.emulate_media(media="screen")
+    tab.evaluate("dispatchEvent(new Event('afterprint')); figures.top.update({marks: before})")
+    assert sorted(", ".join(box[0] for box in boxes).split(", ")) == sorted(
+        ", ".join(names).split(", ")
+    )
+    assert len(boxes) > 2
+    assert all(left < right for _, left, _, right, _ in boxes)
+    for k, (_, left, top, right, bottom) in enumerate(boxes):
+        for _, *other in boxes[:k]:
+            apart = (
+                right <= other[0]
+                or other[2] <= left
+                or bottom <= other[1] + 2
+                or other[3] <= top + 2
+            )
+            assert apart, boxes
+
+
 def test_other_data_and_a_longer_run_are_shown(tab: Any) -> None:
     tab.evaluate(
         "board.setWhole(0, 200); figures.error.update({lines: [{label: 'c', estimate: null,"

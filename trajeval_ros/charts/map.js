@@ -4,10 +4,19 @@
 
 const LEVELS = 24;
 const REACH = 48;
+const MOST_LABELS = 12;
+const LABEL_HEIGHT = 14;
+const LABEL_ROWS = 6;
 
 /** Names of the colour of an error: 0 none, 1 the largest. */
 function errorColour(share) {
   return share < 0.5 ? ["low", "middle", 2 * share] : ["middle", "high", 2 * share - 1];
+}
+
+/** Whether two boxes, {left, right, top, bottom}, have a place in common. */
+function overlap(one, other) {
+  return one.left < other.right && other.left < one.right
+    && one.top < other.bottom && other.top < one.bottom;
 }
 
 /**
@@ -404,10 +413,11 @@ class MapView {
     });
   }
 
-  /** Start, end, worst and events; those at one place share a label. */
+  /** Start, end, worst and events; those at one place share a label, and no label hides another. */
   labels(pen) {
     const placed = [];
-    const { frame, board } = this;
+    const marked = [];
+    const { board } = this;
     for (const mark of this.spec.marks ?? []) {
       const track = mark.estimate
         ? this.shown.find((each) => each.estimate === mark.estimate) : this.shown[0];
@@ -416,17 +426,55 @@ class MapView {
       const [x, y] = this.place(this.positions(track), k);
       if (x < 0 || y < 0) continue;
       pen.circle(x, y, 4, { fill: "paper", stroke: mark.kind === "event" ? "mark" : "ink", width: 1.5 });
+      marked.push({ left: x - 5, right: x + 5, top: y - 5, bottom: y + 5 });
       const near = placed.find((one) => Math.hypot(one.x - x, one.y - y) < 24);
       if (near) {
         if (!near.text.includes(mark.text)) near.text += `, ${mark.text}`;
       } else placed.push({ x, y, text: mark.text });
     }
-    for (const { x, y, text } of placed.slice(0, 12)) {
-      const left = x > frame.left + 0.55 * frame.width;
-      pen.text(x + (left ? -9 : 9), y - 9, text, {
-        fill: "ink", align: left ? "right" : "left", halo: "paper",
-      });
+    const taken = [...marked];
+    for (const { x, y, text } of placed.slice(0, MOST_LABELS)) {
+      const width = this.widthOf(text);
+      const free = this.boxes(x, y, width).find((box) => !taken.some((other) => overlap(box, other)));
+      if (!free) continue; // The list of moments names it still.
+      taken.push(free);
+      const middle = 0.5 * (free.top + free.bottom);
+      const beside = free.left > x ? free.left - 2 : free.right + 2;
+      if (Math.abs(middle - y) > LABEL_HEIGHT) {
+        pen.line([x, y + 5 * Math.sign(middle - y), beside, middle], { stroke: "muted" });
+      }
+      pen.text(free.left, middle, text, { fill: "ink", halo: "paper" });
     }
+  }
+
+  /** Where the label of a mark may be within the figure, the best first: beside it, then further. */
+  boxes(x, y, width) {
+    const { frame } = this;
+    const right = frame.left + frame.width;
+    const toLeft = x > frame.left + 0.55 * frame.width;
+    const found = [];
+    for (let row = 0; row < LABEL_ROWS; row += 1) {
+      for (const up of [-1, 1]) {
+        for (const left of [toLeft, !toLeft]) {
+          const begin = left ? x - 9 - width : x + 9;
+          const middle = y + up * (9 + row * LABEL_HEIGHT);
+          found.push({
+            left: begin,
+            right: begin + width,
+            top: middle - 0.5 * LABEL_HEIGHT,
+            bottom: middle + 0.5 * LABEL_HEIGHT,
+          });
+        }
+      }
+    }
+    return found.filter((box) => box.left >= frame.left - 8 && box.right <= right + 8
+      && box.top >= frame.top - 8 && box.bottom <= frame.top + frame.height + 8);
+  }
+
+  widthOf(text) {
+    const context = this.base.getContext("2d");
+    context.font = `400 11px ${this.board.theme.font}`;
+    return context.measureText(text).width;
   }
 
   // On the screen -----------------------------------------------------------------------------------
