@@ -18,6 +18,8 @@ import trajeval_ros as te
 from trajeval_ros.commands import evaluate as command
 from trajeval_ros.commands.simulate import write_files
 from trajeval_ros.commands.simulation import motion
+from trajeval_ros.library.settings import parameters_of
+from trajeval_ros.report.answers import answer
 from trajeval_ros.runs import several
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -227,6 +229,14 @@ def test_the_report_is_written_and_shown_inline(result: te.Result, tmp_path: Pat
     assert shown.startswith("<iframe srcdoc=")
     assert "<!doctype" not in shown  # escaped
     assert "ATE" in repr(result)
+
+
+def test_a_printed_result_is_what_a_terminal_shows_first(result: te.Result) -> None:
+    shown = str(result)
+    assert "\n" in shown
+    for _, text in answer(result.summary, parameters_of({})):
+        for line in text.split("\n"):
+            assert line.rstrip() in shown
 
 
 def test_poses_as_a_table(result: te.Result) -> None:

@@ -20,7 +20,7 @@ from trajeval_ros.comparison.words import sentences
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations, Notice
-from trajeval_ros.report import Report, render_several
+from trajeval_ros.report import Report, answers, render_several
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -119,7 +119,7 @@ class Result:
 
     ``name``; ``summary``: the figures of ``summary.json``; ``poses``: :class:`Poses`; ``causes``:
     what is likely wrong with the data, with evidence and advice; ``notices``: what else is to be
-    known. In a notebook it shows its report.
+    known. Printed it is the first screen of ``evaluate``; in a notebook it shows its report.
 
     >>> import numpy as np
     >>> import trajeval_ros as te
@@ -169,6 +169,11 @@ class Result:
 
     def _repr_html_(self) -> str:
         return _framed(self._record.render(self.summary), self.name)
+
+    def __str__(self) -> str:
+        """What a terminal shows first: how good, what kind of error, whose fault, where."""
+        lines = answers.first_lines(self.summary, self._record.parameters)
+        return "\n".join(line.rstrip() for line in lines) or repr(self)
 
     def __repr__(self) -> str:
         figures = self.summary["conventional"]
