@@ -11,13 +11,14 @@ import pytest
 
 from trajeval_ros import se3
 from trajeval_ros.commands import console, figures
-from trajeval_ros.commands.figures import compact, summary_lines
+from trajeval_ros.commands.figures import summary_lines
 from trajeval_ros.commands.simulation import simulate
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.samples import PoseSamples
 from trajeval_ros.report.answers import first_lines
+from trajeval_ros.report.numbers import compact, number
 
 
 def test_errors_become_one_line_and_a_code(capsys: pytest.CaptureFixture[str]) -> None:
@@ -114,7 +115,7 @@ def test_duration(seconds: float, text: str) -> None:
     ],
 )
 def test_number(value: float | None, text: str) -> None:
-    assert figures.number(value) == text
+    assert number(value) == text
 
 
 def test_account_adds_up_in_words() -> None:

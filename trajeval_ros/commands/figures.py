@@ -9,25 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from trajeval_ros.report.accounted import account
+from trajeval_ros.report.numbers import compact, number
 
 Figures = Mapping[str, Any]
 
 _NONE = "-"
 _PARTS = ("translation", "rotation")
-
-
-def number(value: float | None, digits: int = 4) -> str:
-    """Return a figure in few characters, with thousands separated, or a dash for None."""
-    if value is None:
-        return _NONE
-    if isinstance(value, int):
-        return f"{value:,}"
-    size = abs(value)
-    if size < 1e3:
-        return f"{value:.{digits}g}"
-    if size < 1e9:
-        return f"{value:,.0f}" if size >= 1e4 else f"{value:,.1f}"
-    return f"{value:.{digits - 1}e}"
 
 
 def metres(value: float | None) -> str:
@@ -50,16 +37,6 @@ def table(rows: Sequence[tuple[str, ...]], left: int = 1) -> list[str]:
         ).rstrip()
         for row in rows
     ]
-
-
-def compact(value: float | None) -> str:
-    """Return a figure in eleven characters at most, however large: 298,122,999 is 298.123 M."""
-    if value is None:
-        return _NONE
-    for size, suffix in ((1e12, "T"), (1e9, "G"), (1e6, "M")):
-        if max(size, 1e7) <= abs(value) < 1e15:
-            return f"{value / size:.6g} {suffix}"
-    return number(value) if abs(value) < 1e15 else f"{value:.3e}"
 
 
 def side_by_side(summaries: Mapping[str, Figures]) -> list[str]:

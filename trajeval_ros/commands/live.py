@@ -15,9 +15,10 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from trajeval_ros.commands.console import duration
-from trajeval_ros.commands.figures import compact, degrees, metres
+from trajeval_ros.commands.figures import degrees, metres
 from trajeval_ros.report.answers import leading
 from trajeval_ros.report.covered import percent
+from trajeval_ros.report.numbers import compact
 from trajeval_ros.runs.statuses import error_models_of
 
 Figures = Mapping[str, float]

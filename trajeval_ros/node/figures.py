@@ -11,6 +11,7 @@ from typing import Any
 from trajeval_ros.report import covered
 from trajeval_ros.report.accounted import account
 from trajeval_ros.report.after_closure import after_closure
+from trajeval_ros.report.numbers import compact
 
 
 def summary_lines(
@@ -27,21 +28,21 @@ def summary_lines(
     position_only = figures.get("position_only")
     if position_only:
         lines.append(
-            f"ATE, RMSE: {_short(conventional.get('ate_translation_rmse'))} m;"
+            f"ATE, RMSE: {compact(conventional.get('ate_translation_rmse'))} m;"
             " positions alone: what needs orientations is left out"
         )
     for name, title in () if position_only else (("ate", "ATE"), ("re", "RE")):
         step = f" over {conventional['re_delta']:g} {conventional['re_unit']}"
         lines.append(
             f"{title}, RMSE{step if name == 're' else ''}:"
-            f" {_short(conventional.get(f'{name}_translation_rmse'))} m,"
+            f" {compact(conventional.get(f'{name}_translation_rmse'))} m,"
             f" {_degrees(conventional.get(f'{name}_rotation_rmse'))} deg"
         )
     lines += filter(None, [after_closure(latest_path)])
     for name in ("relative", "absolute"):
         lines.append(
-            f"{name} log-likelihood: {_short(figures[name].get('log_likelihood'))} nats,"
-            f" chi2/dof {_short(figures[name].get('chi2_per_dof'))}"
+            f"{name} log-likelihood: {compact(figures[name].get('log_likelihood'))} nats,"
+            f" chi2/dof {compact(figures[name].get('chi2_per_dof'))}"
         )
     arm = figures.get("lever_arm")
     if arm is not None:
@@ -51,8 +52,4 @@ def summary_lines(
 
 
 def _degrees(radians: float | None) -> str:
-    return _short(None if radians is None else math.degrees(radians))
-
-
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return compact(None if radians is None else math.degrees(radians))
