@@ -10,6 +10,7 @@ from rclpy.node import Node
 
 from trajeval_ros.node.inputs import Input
 from trajeval_ros.node.outputs import Outputs, Row, Table
+from trajeval_ros.node.told import Told
 from trajeval_ros.online.results import Results
 from trajeval_ros.runs.session import Session
 from trajeval_ros.runs.statuses import STATUSES, error_model_entries, flatten, latest_path_entries
@@ -35,7 +36,7 @@ class Estimate:
         self.title = f"{name}: " if several else ""
         self.outputs = Outputs(node, f"{name}/" if several else "")
         self.latest: int | None = None  # stamp of the newest evaluated pose, ns
-        self.causes_said: set[str] = set()
+        self.causes_told = Told()
         self._session = session
         self._table = table
         self.is_due = False  # whether there are new figures
@@ -87,6 +88,6 @@ class Estimate:
     def reset(self) -> None:
         """A new run has begun."""
         self.latest = self._window = None
-        self.causes_said.clear()
+        self.causes_told.clear()
         self.is_due = False
         self.input.reset()

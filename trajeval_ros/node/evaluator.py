@@ -306,10 +306,13 @@ class Evaluator(Node):
 
     def _say_causes(self) -> None:
         for each in self._estimates:
-            for cause in self._session.causes_of(each.name):
-                if cause.code not in each.causes_said:
-                    each.causes_said.add(cause.code)
-                    self.get_logger().warning(f"{each.title}{cause.sentence}")
+            causes = self._session.causes_of(each.name)
+            come, gone = each.causes_told.news(causes, time.monotonic())
+            for cause in come:
+                self.get_logger().warning(f"{each.title}{cause.sentence}")
+            for cause in gone:
+                text = f"{each.title}no longer a likely cause: {cause.text}"
+                self.get_logger().info(text)
 
     def _on_waiting(self) -> None:
         """Say what is missing, until something has come on every topic."""
