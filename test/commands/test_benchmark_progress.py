@@ -21,6 +21,11 @@ def test_rates_and_time_left_are_of_what_was_done_since() -> None:
     ]
 
 
+def test_a_large_rate_is_a_plain_number() -> None:
+    (shown,) = lines({}, {"orb": 1_300}, {"orb": 9_100}, 10.0)
+    assert shown == "evaluating: 1,300 of 9,100 runs (14 %), 130 runs/s, 1 min 00 s left"
+
+
 def test_nothing_is_foretold_of_what_has_not_begun_or_is_done() -> None:
     assert lines({}, {}, {"orb": 5}, 0.0) == ["evaluating: 0 of 5 runs (0 %)"]
     assert lines({}, {"orb": 5}, {"orb": 5}, 2.0) == ["evaluating: 5 of 5 runs (100 %)"]

@@ -92,5 +92,6 @@ def _line(before: int, done: int, total: int, elapsed: float) -> str:
     text = f"{done:,} of {total:,} runs ({100 * done / max(total, 1):.0f} %)"
     rate = (done - before) / elapsed if elapsed > 0.0 else 0.0
     if rate and done < total:
-        text += f", {rate:.2g} runs/s, {duration((total - done) / rate)} left"
+        shown = f"{rate:,.0f}" if rate >= 10.0 else f"{rate:.2g}"
+        text += f", {shown} runs/s, {duration((total - done) / rate)} left"
     return text
