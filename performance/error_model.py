@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import se3
-from trajeval_ros.diagnosis.fitted import sized
 from trajeval_ros.error_model.at_samples import fit_independent
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.fit import fit
@@ -404,7 +403,7 @@ def table(data: Path, pairs: tuple[tuple[str, str], ...]) -> None:
         for i, (factor, unit) in enumerate(((1e3, " ms"), (1e6, " ppm"))):
             value, std = factor * found.nuisances.vector[i], factor * found.std[i]
             cells.append(f"{value:.2f} ± {std:.2f}{unit}")
-        arm = sized(model, "translation")
+        arm = model["extrinsic"]["length"]
         cells.append(f"{1e3 * arm['value']:.0f} ± {1e3 * arm['std']:.0f} mm")
         scale = found.nuisances.scale
         cells.append(f"{scale:.4f} ± {scale * found.std[8]:.4f}")

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Causes from the error model's fit: named when they matter, with the value to set."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
@@ -15,7 +17,6 @@ from trajeval_ros.diagnosis.fitted import (
     lever_arm_causes,
     lever_arm_is_beyond_doubt,
     shown_of_lever_arm,
-    sized,
     together,
     told_lever_arm,
 )
@@ -79,20 +80,19 @@ def test_of_a_lever_arm_that_positions_tell_the_axes_that_the_turns_show_are_sai
     assert shown_of_lever_arm(unknown) == (0.0, 0.0, ("x", "y", "z"))
 
 
+def mounted(arm, turn, covariance):
+    """An error model with such an extrinsic, m and rad, and such a covariance of the nuisances."""
+    found = fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask)
+    extrinsic = se3.exp(np.array([0.0, 0.0, 0.0, *turn]))
+    extrinsic[:3, 3] = arm
+    nuisances = replace(Nuisances.none(), extrinsic=extrinsic)
+    return named(replace(found, nuisances=nuisances, covariance=covariance))
+
+
 def test_a_cause_and_the_headline_say_the_same_and_the_advice_sets_no_more():
     """A lever arm within doubt is no part of what is advised for a turn beyond it."""
-    model = named(fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask))
-    turn, arm = np.array([0.0, 0.0, 0.02]), np.array([0.06, -0.06, 0.0])
-    whole = se3.exp(np.array([0.0, 0.0, 0.0, *turn]))
-    whole[:3, 3] = arm
-    position, quaternion = se3.to_position_quaternion(whole)
-    model["extrinsic"] = {
-        "translation": {"value": arm.tolist(), "std": [0.024, 0.02, 3.0]},
-        "rotation": {"value": turn.tolist(), "std": [1e-3, 2e-3, 1e-3]},
-        "pose": [*position.tolist(), *quaternion.tolist()],
-    }
-    # Together the components of the arm would be beyond chance; none is beyond doubt, one not seen.
-    model["covariance"] = np.diag([1.0, 1.0, *[2e-4] * 3, *[1e-6] * 3, 1.0]).tolist()
+    stds = [1e-4, 1e-5, 0.024, 0.02, 3.0, 1e-3, 2e-3, 1e-3, 1e-3]
+    model = mounted([0.06, -0.06, 0.0], [0.0, 0.0, 0.02], np.diag(np.square(stds)))
     faults = dict(leading(model))["Not its fault"]
     assert faults.startswith("mounting 1.146 ± 0.057 deg: ")
     assert "Nothing beyond doubt in" in faults
@@ -104,20 +104,14 @@ def test_a_cause_and_the_headline_say_the_same_and_the_advice_sets_no_more():
 
 
 def test_a_size_is_known_along_itself_with_what_its_components_share():
-    model = named(fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask))
-    arm, turn = [0.06, 0.08, 0.0], [0.0, 0.0, 0.0]
-    stds = [0.003, 0.004, 0.02], [1e-3, 2e-3, 1e-3]
-    covariance = np.diag(np.square([1e-4, 1e-5, *stds[0], *stds[1], 1e-3]))
+    stds = [1e-4, 1e-5, 0.003, 0.004, 0.02, 1e-3, 2e-3, 1e-3, 1e-3]
+    covariance = np.diag(np.square(stds))
     covariance[2, 3] = covariance[3, 2] = -0.5 * 0.003 * 0.004
-    model["covariance"] = covariance.tolist()
-    model["extrinsic"] = {
-        "translation": {"value": arm, "std": stds[0]},
-        "rotation": {"value": turn, "std": stds[1]},
-        "pose": [*arm, 0.0, 0.0, 0.0, 1.0],
-    }
+    model = mounted([0.06, 0.08, 0.0], [0.0, 0.0, 0.0], covariance)
     # 0.6² 9 + 0.8² 16 - 0.6 0.8 12 = 7.72 mm².
-    assert sized(model, "translation") == pytest.approx({"value": 0.1, "std": 1e-3 * 7.72**0.5})
-    assert sized(model, "rotation") == {"value": 0.0, "std": 2e-3}
+    length, angle = (model["extrinsic"][name] for name in ("length", "angle"))
+    assert length == pytest.approx({"value": 0.1, "std": 1e-3 * 7.72**0.5})
+    assert angle == pytest.approx({"value": 0.0, "std": 2e-3})
     assert "lever arm 100.0 ± 2.8 mm" in dict(leading(model))["Not its fault"]
     (cause,) = (c for c in fitted_causes(model, "se3", 0.0, NONE) if c.code == "body_frame")
     assert "a lever arm of 100.0 ± 2.8 mm" in cause.text

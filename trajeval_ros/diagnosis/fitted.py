@@ -29,8 +29,6 @@ _SHORTEST, _NEAREST, _LEAST_TURN, _LEAST_SCALE = 5e-4, 5e-3, np.radians(0.1), 2e
 # What is known no better is not named, however far from nothing: a fit of poses that do not belong
 # together has such values.
 _SEEN = dict(zip(NAMES, OBSERVED_STD.tolist(), strict=True))
-# Of the extrinsic, in the covariance of the nuisances.
-_ROWS = {"translation": slice(2, 5), "rotation": slice(5, 8)}
 # Of fewer poses, the scatter of a fit is not known well.
 _ENOUGH = 200
 _FITTED = ("clock_offset", "clock_rate", "body_frame", "scale")
@@ -96,20 +94,6 @@ def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
         for name, (values, stds) in pairs.items()
         if any(abs(value) > _APART * std for value, std in zip(values, stds, strict=True))
     )
-
-
-def sized(model: Mapping[str, Any], part: str) -> dict[str, float]:
-    """How long the lever arm ("translation") or the turn ("rotation") is, m or rad.
-
-    With its standard deviation along itself; of nothing, the largest of the three.
-    """
-    value, rows = np.array(model["extrinsic"][part]["value"]), _ROWS[part]
-    size = float(np.linalg.norm(value))
-    if not size:
-        return {"value": size, "std": max(model["extrinsic"][part]["std"])}
-    along = value / size
-    variance = along @ np.array(model["covariance"])[rows, rows] @ along
-    return {"value": size, "std": math.sqrt(variance)}
 
 
 def digits_of(std: float, most: int) -> int:
@@ -284,14 +268,16 @@ def _body_frame(model: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
     covariance, extrinsic = np.array(model["covariance"]), model["extrinsic"]
     pose = np.array(extrinsic["pose"])
     to_set, doubtless, found = np.array([*np.zeros(6), 1.0]), beyond_doubt(model), []
-    for title, name, part, least, factor, unit, seen in (
-        ("lever arm", "lever arm", "translation", _NEAREST, 1e3, "mm", _SEEN["x"]),
-        ("mounting", "turn", "rotation", _LEAST_TURN, math.degrees(1.0), "degrees", _SEEN["yaw"]),
+    # Each in the covariance of the nuisances, and in the pose.
+    arm = "translation", "length", slice(2, 5), slice(3)
+    turn = "rotation", "angle", slice(5, 8), slice(3, 7)
+    for title, name, (part, size_of, of, into), least, factor, unit, seen in (
+        ("lever arm", "lever arm", arm, _NEAREST, 1e3, "mm", _SEEN["x"]),
+        ("mounting", "turn", turn, _LEAST_TURN, math.degrees(1.0), "degrees", _SEEN["yaw"]),
     ):
-        figure = sized(model, part)
+        figure = extrinsic[size_of]
         if title not in doubtless or figure["value"] < least or figure["std"] > seen:
             continue
-        of, into = _ROWS[part], slice(3) if part == "translation" else slice(3, 7)
         gained = gain(np.array(extrinsic[part]["value"]), covariance[of, of])
         size, std = factor * figure["value"], factor * figure["std"]
         digits = digits_of(std, 4)

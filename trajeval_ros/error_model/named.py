@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.error_model.changes import joined
@@ -19,6 +20,7 @@ from trajeval_ros.error_model.stamping import Scatter
 if TYPE_CHECKING:
     from trajeval_ros.error_model.positions import PositionErrorModel
 
+Array = npt.NDArray[np.float64]
 Figures = dict[str, object]
 
 # Of so many parts of the run it is said what each says of the clock.
@@ -46,6 +48,8 @@ def named(model: ErrorModel) -> Figures:
         "extrinsic": {
             "translation": {"value": position.tolist(), "std": std[2:5].tolist()},
             "rotation": {"value": step[3:].tolist(), "std": std[5:8].tolist()},
+            "length": _length(position, model.covariance[2:5, 2:5]),
+            "angle": _length(step[3:], model.covariance[5:8, 5:8]),
             "pose": [*position.tolist(), *quaternion.tolist()],
         },
         "scale": {"value": nuisances.scale, "std": float(std[8] * nuisances.scale)},
@@ -83,6 +87,15 @@ def _stamps(scatter: Scatter | None) -> Figures:
         "stamp_nats": scatter.nats,
         "stamp_errors": {"translation": scatter.translation, "rotation": scatter.rotation},
     }
+
+
+def _length(vector: Array, covariance: Array) -> Figures:
+    """A vector's, (3,), with its standard deviation along it; of nothing, the largest of any."""
+    size = float(np.linalg.norm(vector))
+    if not size:
+        return {"value": size, "std": float(np.sqrt(np.diagonal(covariance).max()))}
+    along = vector / size
+    return {"value": size, "std": float(np.sqrt(along @ covariance @ along))}
 
 
 def _figure(figure: Figure) -> Figures:

@@ -19,7 +19,6 @@ from trajeval_ros.diagnosis.fitted import (
     disagree,
     is_misread,
     shown_of_lever_arm,
-    sized,
     told_lever_arm,
 )
 from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
@@ -264,7 +263,7 @@ def _kind_of_positions(kind: str, translation: Figures) -> str:
 def _faults(model: Figures, without: Figures | None) -> str:
     """What is there beyond doubt, and within what there is none of the rest."""
     clock, rate, scale = model["clock_offset"], model["clock_rate"], model["scale"]
-    arm, mounting = (sized(model, part) for part in ("translation", "rotation"))
+    arm, mounting = (model["extrinsic"][name] for name in ("length", "angle"))
     shown = {
         "clock": (clock["std"], "clock_offset", f"{_number(**clock, factor=1e3)} ms"),
         "clock rate": (rate["std"], "clock_rate", f"{_number(**rate, factor=1e6)} ppm"),

@@ -29,6 +29,8 @@ _MATRICES = ("covariance", "pose")
 _ENDS = ("low", "high")
 # Of the error model, what has a figure of translation and one of rotation.
 _BY_GROUP = ("clock_offset_by", "stamp_errors")
+# Of the extrinsic, what is one number.
+_SIZES = ("length", "angle")
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -86,6 +88,9 @@ def error_models_of(entries: Mapping[str, float | str]) -> dict[str, dict[str, A
                 vectors = model.setdefault("extrinsic", {}).setdefault(group, {})
                 name = key.removeprefix(f"extrinsic_{group}_")[:-2]  # value_x, value_y, value_z
                 vectors.setdefault(name, []).append(value)
+        for name in _SIZES:
+            if key.startswith(f"extrinsic_{name}_"):
+                _put(model.setdefault("extrinsic", {}), key.removeprefix("extrinsic_"), value)
         within = next((name for name in _BY_GROUP if key.startswith(f"{name}_")), None)
         if within is not None:
             _put(model.setdefault(within, {}), key.removeprefix(f"{within}_"), value)
