@@ -102,16 +102,7 @@ class Likelihood:
         if data is None:
             return None
         records = (
-            data.begins,
-            data.counts,
-            len(shape.counts),
-            data.times,
-            data.values,
-            data.variances,
-            shape.coordinates,
-            data.orders,
-            len(data.orders),
-            data.sets,
+            *data.records(shape),
             data.rates,
             shape.constants[data.order],
             DEGREES_OF_FREEDOM,
@@ -240,6 +231,21 @@ class _Markov:
             for each in zip(*((r.times, r.values, r.variances) for r in records), strict=True)
         )
 
+    def records(self, shape: _Shape) -> tuple[loops.Argument, ...]:
+        """What the loops take first: the records, the orders of the kernels, and the sets."""
+        return (
+            self.begins,
+            self.counts,
+            len(shape.counts),
+            self.times,
+            self.values,
+            self.variances,
+            shape.coordinates,
+            self.orders,
+            len(self.orders),
+            self.sets,
+        )
+
     @cached_property
     def room_for_values(self) -> int:
         """How many numbers the loop needs room for."""
@@ -274,16 +280,7 @@ class _MarkovFit(Fit):
         natural = np.exp(loops.doubles(log_parameters))
         self._rows = natural.shape
         self._arguments = (
-            data.begins,
-            data.counts,
-            len(shape.counts),
-            data.times,
-            data.values,
-            data.variances,
-            shape.coordinates,
-            data.orders,
-            len(data.orders),
-            data.sets,
+            *data.records(shape),
             data.rates / natural[..., 1:-1:2],
             natural[..., :-1:2] ** 2,
             natural[..., -1:] ** 2,
