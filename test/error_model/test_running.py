@@ -103,6 +103,20 @@ def test_blocks_together_say_what_the_whole_says():
     assert abs(drift.value - 1e-2) < 4.0 * drift.std
 
 
+def test_the_run_asked_for_at_the_end_is_the_one_told_block_by_block():
+    whole = poses(*estimate(Kind.DRIFT, DRIFT, OFFSET, count=1300))
+    told, asked = RunningErrorModel(10 * SECOND), RunningErrorModel(10 * SECOND)
+    for model, with_run in ((told, True), (asked, False)):
+        model.add(whole)
+        while (due := model.block_due()) is not None:
+            model.take(due, due.fit(with_run=with_run))
+    assert told.blocks == asked.blocks == 3
+    np.testing.assert_allclose(
+        told.run.nuisances.vector, asked.run.nuisances.vector, rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(told.run.covariance, asked.run.covariance, rtol=1e-9)
+
+
 def test_blocks_that_wait_too_long_are_lost_and_counted():
     whole = poses(*estimate(Kind.DRIFT, DRIFT, count=2500))
     model = RunningErrorModel(10 * SECOND)

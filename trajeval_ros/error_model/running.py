@@ -10,7 +10,7 @@ with the first pose that makes it long enough, and the window is that of the new
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from trajeval_ros import se3
 from trajeval_ros.error_model.at_samples import fit_independent
 from trajeval_ros.error_model.changes import Stretch, clock_changes
 from trajeval_ros.error_model.independent import counted
-from trajeval_ros.error_model.model import ErrorModel, Figure
+from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.observed import unobserved
 from trajeval_ros.error_model.recorded import Recorded
@@ -88,18 +88,36 @@ def fit_poses(poses: Poses) -> ErrorModel | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Block:
+class Block:
+    """A stretch of the run from ``begin`` to ``end``, ns.
+
+    information: of the nuisances, (9, 9). figures: the value of each, and what stands for its
+    standard deviation, (groups, figures, 2), as the model has them.
+    """
+
     begin: int
     end: int
     model: ErrorModel
+    information: Array
+    figures: Array
+
+    @staticmethod
+    def of(begin: int, end: int, model: ErrorModel) -> Block:
+        """With what it adds to a run."""
+        shown = [[(f.value, _spread(f)) for f in group.values()] for group in model.groups.values()]
+        information = np.asarray(np.linalg.inv(model.covariance), np.float64)
+        return Block(begin, end, model, information, np.array(shown))
 
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """``model``: of a stretch, or None; of a block also ``run``, with ``blocks`` and all before."""
+    """``model``: of a stretch, or None; of a block also ``run``, with ``blocks`` and all before.
+
+    ``run`` is left to whoever asks for it where the fit was made without.
+    """
 
     model: ErrorModel | None
-    blocks: tuple[_Block, ...] = ()
+    blocks: tuple[Block, ...] = ()
     run: ErrorModel | None = None
 
 
@@ -108,20 +126,20 @@ class Due:
     """A fit that is due: of a block of the run, after ``blocks``, or of the window."""
 
     poses: Poses
-    blocks: tuple[_Block, ...] | None = None
+    blocks: tuple[Block, ...] | None = None
 
-    def fit(self) -> Fitted:
-        """Fit it."""
+    def fit(self, *, with_run: bool = True) -> Fitted:
+        """Fit it, and say what the run is with it, unless nobody asks before the next block."""
         model = fit_poses(self.poses)
         if self.blocks is None:
             return Fitted(model)
         blocks = self.blocks
         if model is not None:
             stamps = self.poses.truth.stamps
-            blocks = (*blocks, _Block(int(stamps[0]), int(stamps[-1]), model))
+            blocks = (*blocks, Block.of(int(stamps[0]), int(stamps[-1]), model))
         if len(blocks) > _REMEMBERED:
             blocks = blocks[::2]
-        return Fitted(model, blocks, combined(blocks) if blocks else None)
+        return Fitted(model, blocks, combined(blocks) if blocks and with_run else None)
 
 
 class RunningErrorModel:
@@ -136,10 +154,10 @@ class RunningErrorModel:
         self._in_open = self._counted = 0
         self._sample: tuple[int, int] | None = None  # of the newest open pose, and its poses so far
         self._closed: deque[Poses] = deque()
-        self._blocks: tuple[_Block, ...] = ()
+        self._blocks: tuple[Block, ...] = ()
+        self._run: ErrorModel | None = None
         self._asked: tuple[int, int] | None = None  # the window that was handed out last
         self.lost = 0
-        self.run: ErrorModel | None = None
         self.window: ErrorModel | None = None
 
     def add(self, poses: Poses) -> None:
@@ -201,7 +219,14 @@ class RunningErrorModel:
         if due.blocks is None:
             self.window = fitted.model
         else:
-            self._blocks, self.run = fitted.blocks, fitted.run
+            self._blocks, self._run = fitted.blocks, fitted.run
+
+    @property
+    def run(self) -> ErrorModel | None:
+        """That of all blocks together."""
+        if self._run is None and self._blocks:
+            self._run = combined(self._blocks)
+        return self._run
 
     @property
     def blocks(self) -> int:
@@ -209,7 +234,7 @@ class RunningErrorModel:
         return len(self._blocks)
 
 
-def combined(blocks: Sequence[_Block]) -> ErrorModel:
+def combined(blocks: Sequence[Block]) -> ErrorModel:
     """One model of several blocks.
 
     The nuisances by generalised least squares, a clock rate between the blocks with them, and their
@@ -222,12 +247,14 @@ def combined(blocks: Sequence[_Block]) -> ErrorModel:
     nuisances, covariance = _nuisances(blocks)
     share = poses / poses.sum()
     stretches = [
-        Stretch(b.begin, b.end, b.model.nuisances.clock_offset, float(b.model.std[0]))
+        Stretch(
+            b.begin, b.end, b.model.nuisances.clock_offset, float(b.model.covariance[0, 0]) ** 0.5
+        )
         for b in blocks
     ]
     return ErrorModel(
         kind,
-        _groups([m for m in models if m.kind is kind]),
+        _groups([block for block in blocks if block.model.kind is kind]),
         nuisances,
         covariance,
         unobserved(covariance),
@@ -235,8 +262,8 @@ def combined(blocks: Sequence[_Block]) -> ErrorModel:
         float(sum(m.log_likelihood for m in models)),
         float(sum(m.uncorrected for m in models)),
         float(share @ [m.chi2_per_dof for m in models]),
-        np.asarray(sum(s * m.whiteness for s, m in zip(share, models, strict=True))),
-        tuple(jump for m in models for jump in m.jumps)[-_JUMPS:],
+        np.asarray(np.einsum("n,ngl->gl", share, [m.whiteness for m in models])),
+        _last_jumps(models),
         {
             k: float(share @ [m.alternatives[k] for m in models])
             for k in models[0].alternatives
@@ -249,39 +276,43 @@ def combined(blocks: Sequence[_Block]) -> ErrorModel:
     )
 
 
-def _nuisances(blocks: Sequence[_Block]) -> tuple[Nuisances, Array]:
+def _last_jumps(models: Sequence[ErrorModel]) -> tuple[Jump, ...]:
+    """The last ones, and no more than so many."""
+    found: list[Jump] = []
+    for model in reversed(models):
+        found[:0] = model.jumps
+        if len(found) >= _JUMPS:
+            break
+    return tuple(found[-_JUMPS:])
+
+
+def _nuisances(blocks: Sequence[Block]) -> tuple[Nuisances, Array]:
     """Those of the run, about its middle, with their covariance (9, 9)."""
-    reference = blocks[0].model.nuisances
+    count, several = len(blocks), [block.model.nuisances for block in blocks]
+    reference = several[0]
     middle = 0.5 * (blocks[0].begin + blocks[-1].end)
-    information, right = np.zeros((9, 9)), np.zeros(9)
-    steps, designs, weights = [], [], []
-    for block in blocks:
-        found = block.model.nuisances
-        step = np.concatenate(
-            [
-                [found.clock_offset - reference.clock_offset, found.clock_rate],
-                se3.log(found.extrinsic @ se3.inverse(reference.extrinsic)),
-                [np.log(found.scale / reference.scale)],
-            ]
-        )
-        design = np.eye(9)
-        design[0, 1] = (0.5 * (block.begin + block.end) - middle) * 1e-9
-        weight = np.linalg.inv(block.model.covariance)
-        information += design.T @ weight @ design
-        right += design.T @ weight @ step
-        steps.append(step)
-        designs.append(design)
-        weights.append(weight)
-    covariance = np.linalg.inv(information)
-    delta = covariance @ right
-    spread = 0.0
-    for step, design, weight in zip(steps, designs, weights, strict=True):
-        rest = step - design @ delta
-        spread += float(rest @ weight @ rest)
-    if len(blocks) > 1:
-        covariance = covariance * max(spread / (9.0 * (len(blocks) - 1)), 1.0)
+    steps = np.empty((count, 9))
+    steps[:, 0] = _column(n.clock_offset for n in several) - reference.clock_offset
+    steps[:, 1] = _column(n.clock_rate for n in several)
+    extrinsics = np.array([n.extrinsic for n in several])
+    steps[:, 2:8] = se3.log(extrinsics @ se3.inverse(reference.extrinsic))
+    steps[:, 8] = np.log(_column(n.scale for n in several) / reference.scale)
+    designs = np.tile(np.eye(9), (count, 1, 1))
+    designs[:, 0, 1] = _column((0.5 * (b.begin + b.end) - middle) * 1e-9 for b in blocks)
+    weights = np.array([block.information for block in blocks])
+    weighted = designs.swapaxes(1, 2) @ weights
+    covariance = np.linalg.inv((weighted @ designs).sum(axis=0))
+    delta = covariance @ np.einsum("nij,nj->i", weighted, steps)
+    if count > 1:
+        rest = steps - designs @ delta
+        spread = float(np.einsum("ni,nij,nj->", rest, weights, rest, optimize=True))
+        covariance = covariance * max(spread / (9.0 * (count - 1)), 1.0)
     moved = replace(reference, clock_rate=0.0).moved(delta)
     return moved, 0.5 * (covariance + covariance.T)
+
+
+def _column(values: Iterable[float]) -> Array:
+    return np.fromiter(values, np.float64)
 
 
 def _spread(figure: Figure) -> float:
@@ -291,21 +322,23 @@ def _spread(figure: Figure) -> float:
     return figure.std if np.isfinite(figure.std) else float("inf")
 
 
-def _groups(models: list[ErrorModel]) -> dict[str, dict[str, Figure]]:
-    groups: dict[str, dict[str, Figure]] = {}
-    for group, names in models[0].groups.items():
-        groups[group] = {}
-        for name in names:
-            known = [m.groups[group][name] for m in models]
-            value = np.maximum([f.value for f in known], 1e-300)
-            relative = np.array([_spread(f) for f in known]) / value
-            weight = 1.0 / np.maximum(relative, 1e-2) ** 2
-            if not weight.sum() > 0.0:
-                weight = np.ones(len(known))
-                relative = np.full(len(known), np.nan)
-            mean = float(weight @ np.log(value) / weight.sum())
-            spread = float(weight @ (np.log(value) - mean) ** 2)
-            excess = max(spread / (len(known) - 1), 1.0) if len(known) > 1 else 1.0
-            std = np.sqrt(excess / weight.sum()) if np.isfinite(relative).any() else np.nan
-            groups[group][name] = Figure(float(np.exp(mean)), float(np.exp(mean) * std))
-    return groups
+def _groups(blocks: Sequence[Block]) -> dict[str, dict[str, Figure]]:
+    """Of blocks of one process, the figures that all have: of one that stands, none by distance."""
+    count, fewest = len(blocks), min(block.figures.shape[1] for block in blocks)
+    value, spread = np.moveaxis(np.array([block.figures[:, :fewest] for block in blocks]), -1, 0)
+    value = np.maximum(value, 1e-300)
+    relative = spread / value
+    weight = 1.0 / np.maximum(relative, 1e-2) ** 2
+    told = weight.sum(axis=0) > 0.0
+    weight[:, ~told], relative[:, ~told] = 1.0, np.nan
+    total = weight.sum(axis=0)
+    mean = (weight * np.log(value)).sum(axis=0) / total
+    apart = (weight * (np.log(value) - mean) ** 2).sum(axis=0)
+    excess = np.maximum(apart / max(count - 1, 1), 1.0)
+    known = np.isfinite(relative).any(axis=0)
+    std = np.where(known, np.sqrt(excess / total), np.nan)
+    figures = np.stack([np.exp(mean), np.exp(mean) * std], axis=-1).tolist()
+    return {
+        group: {name: Figure(*figure) for name, figure in zip(names, own, strict=False)}
+        for (group, names), own in zip(blocks[0].model.groups.items(), figures, strict=True)
+    }

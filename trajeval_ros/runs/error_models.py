@@ -51,7 +51,7 @@ class LiveErrorModels:
     @property
     def has_run(self) -> bool:
         """Whether a block of the run has been fitted."""
-        return self._running.run is not None
+        return self._running.blocks > 0
 
     def due(self) -> Due | None:
         """A block of the run that waits for a fit, or else the window, if it has changed."""
@@ -68,21 +68,7 @@ class LiveErrorModels:
     def take(self, due: Due, fitted: Fitted) -> None:
         """Take what the fit that was ``due`` says."""
         self._running.take(due, fitted)
-        found: dict[str, Figures] = {}
-        run, window = self._running.run, self._running.window
-        if run is not None:
-            found["run"] = _named(run, BLOCKS)
-            found["run"]["blocks"] = self._running.blocks
-            found["run"]["blocks_lost"] = self._running.lost
-        if window is not None:
-            found["window"] = _named(window)
-        self._figures = found
-
-    def fit(self, due: Due | None) -> bool:
-        """Make a fit that is ``due`` at once; whether there was one."""
-        if due is not None:
-            self.take(due, due.fit())
-        return due is not None
+        self._figures = _figures(self._running)
 
     @property
     def figures(self) -> dict[str, Figures]:
@@ -96,22 +82,20 @@ def error_models(engine: Engine, name: str, kept: WholeRun, *, whole: bool) -> d
     ``kept``: all poses of the run. ``whole``: the engine has all of the ground truth still.
     """
     offset = engine.settings.estimates[name].time_offset
-    live = LiveErrorModels(engine.settings.evaluation.window)
+    running = RunningErrorModel(engine.settings.evaluation.window)
     some = False
     for part in kept.parts:
         if part.sampled.any():
             some = True
-            live.add(part, offset)
-            while not whole and live.fit(live.block_due()):
+            running.add(poses_of(part, offset))
+            while not whole and _fit(running, running.block_due()):
                 pass
     if not some:
         return {}
+    _fit(running, running.window_due())
+    found = _figures(running)
     if not whole:
-        while live.fit(live.due()):
-            pass
-        return live.figures
-    live.fit(live.window_due())
-    found = {k: v for k, v in live.figures.items() if k == "window"}
+        return found
 
     def truth(asked: npt.NDArray[np.int64]) -> Truth:
         return engine.truth(asked, name)
@@ -152,6 +136,25 @@ def poses_of(evaluations: Evaluations, offset: int) -> Poses:
         evaluations.estimate[known],
         evaluations.nearest[known],
     )
+
+
+def _fit(running: RunningErrorModel, due: Due | None) -> bool:
+    """Make a fit that is ``due``, if any; of the run once all blocks are there."""
+    if due is not None:
+        running.take(due, due.fit(with_run=False))
+    return due is not None
+
+
+def _figures(running: RunningErrorModel) -> dict[str, Figures]:
+    """Of the ``run`` and of the ``window``, as far as they have been fitted."""
+    found: dict[str, Figures] = {}
+    if running.run is not None:
+        found["run"] = _named(running.run, BLOCKS)
+        found["run"]["blocks"] = running.blocks
+        found["run"]["blocks_lost"] = running.lost
+    if running.window is not None:
+        found["window"] = _named(running.window)
+    return found
 
 
 def _named(model: ErrorModel, of: str | None = None) -> Figures:
