@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stamps that scatter are told from the estimate's errors, and errors are not taken for them."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from trajeval_ros.error_model.nuisances import Nuisances, prepare
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.stamping import (
     Scatter,
+    Scatters,
     likeliest_scatter,
     shared_scatter,
     with_scatter,
@@ -121,9 +122,11 @@ def test_the_likeliest_is_where_the_likelihood_is_largest():
 
 def test_one_scatter_of_several_stretches():
     one, other = Scatter(0.01, 1e-3, 30.0, 0.1, 0.2), Scatter(0.02, 2e-3, 50.0, 0.3, 0.4)
-    assert Scatter.of([(None, 100), (one, 100)]) is None
-    assert Scatter.of([(None, 100), (one, 101)]) == one
-    both = Scatter.of([(one, 100), (other, 300)])
+    assert Scatters().together() is None
+    assert Scatters().with_one(None, 100).with_one(one, 100).together() is None
+    most = Scatters().with_one(None, 100).with_one(one, 101).together()
+    assert astuple(most) == pytest.approx(astuple(one), rel=1e-9)
+    both = Scatters().with_one(one, 100).with_one(other, 300).together()
     assert both.value == pytest.approx(np.sqrt((1e-4 + 3 * 4e-4) / 4))
     assert both.nats == 80.0
     assert both.std == pytest.approx(np.hypot(0.25e-3, 1.5e-3))

@@ -10,21 +10,16 @@ with the first pose that makes it long enough, and the window is that of the new
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
 from trajeval_ros.error_model.at_samples import fit_independent
-from trajeval_ros.error_model.changes import Stretch, clock_changes
+from trajeval_ros.error_model.blocks import NO_BLOCKS, Blocks
 from trajeval_ros.error_model.independent import counted
-from trajeval_ros.error_model.model import ErrorModel, Figure, Jump
-from trajeval_ros.error_model.nuisances import Nuisances
-from trajeval_ros.error_model.observed import unobserved
+from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.recorded import Recorded
-from trajeval_ros.error_model.stamping import Scatter
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -37,11 +32,8 @@ _BLOCK = 200
 _DURATION = 20_000_000_000
 # A stretch holds no more poses than this.
 _LONGEST = 20_000
-# Blocks that wait for a fit; beyond, the oldest is lost, and counted. Blocks that are remembered;
-# beyond, every second is forgotten.
+# Blocks that wait for a fit; beyond, the oldest is lost, and counted.
 _WAITING = 3
-_REMEMBERED = 4096
-_JUMPS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,28 +80,6 @@ def fit_poses(poses: Poses) -> ErrorModel | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
-    """A stretch of the run from ``begin`` to ``end``, ns.
-
-    information: of the nuisances, (9, 9). figures: the value of each, and what stands for its
-    standard deviation, (groups, figures, 2), as the model has them.
-    """
-
-    begin: int
-    end: int
-    model: ErrorModel
-    information: Array
-    figures: Array
-
-    @staticmethod
-    def of(begin: int, end: int, model: ErrorModel) -> Block:
-        """With what it adds to a run."""
-        shown = [[(f.value, _spread(f)) for f in group.values()] for group in model.groups.values()]
-        information = np.asarray(np.linalg.inv(model.covariance), np.float64)
-        return Block(begin, end, model, information, np.array(shown))
-
-
-@dataclass(frozen=True, slots=True)
 class Fitted:
     """``model``: of a stretch, or None; of a block also ``run``, with ``blocks`` and all before.
 
@@ -117,7 +87,7 @@ class Fitted:
     """
 
     model: ErrorModel | None
-    blocks: tuple[Block, ...] = ()
+    blocks: Blocks = NO_BLOCKS
     run: ErrorModel | None = None
 
 
@@ -126,7 +96,7 @@ class Due:
     """A fit that is due: of a block of the run, after ``blocks``, or of the window."""
 
     poses: Poses
-    blocks: tuple[Block, ...] | None = None
+    blocks: Blocks | None = None
 
     def fit(self, *, with_run: bool = True) -> Fitted:
         """Fit it, and say what the run is with it, unless nobody asks before the next block."""
@@ -136,10 +106,8 @@ class Due:
         blocks = self.blocks
         if model is not None:
             stamps = self.poses.truth.stamps
-            blocks = (*blocks, Block.of(int(stamps[0]), int(stamps[-1]), model))
-        if len(blocks) > _REMEMBERED:
-            blocks = blocks[::2]
-        return Fitted(model, blocks, combined(blocks) if blocks and with_run else None)
+            blocks = blocks.with_one(int(stamps[0]), int(stamps[-1]), model)
+        return Fitted(model, blocks, blocks.together() if with_run else None)
 
 
 class RunningErrorModel:
@@ -154,7 +122,7 @@ class RunningErrorModel:
         self._in_open = self._counted = 0
         self._sample: tuple[int, int] | None = None  # of the newest open pose, and its poses so far
         self._closed: deque[Poses] = deque()
-        self._blocks: tuple[Block, ...] = ()
+        self._blocks = NO_BLOCKS
         self._run: ErrorModel | None = None
         self._asked: tuple[int, int] | None = None  # the window that was handed out last
         self.lost = 0
@@ -224,121 +192,11 @@ class RunningErrorModel:
     @property
     def run(self) -> ErrorModel | None:
         """That of all blocks together."""
-        if self._run is None and self._blocks:
-            self._run = combined(self._blocks)
+        if self._run is None:
+            self._run = self._blocks.together()
         return self._run
 
     @property
     def blocks(self) -> int:
         """How many blocks :attr:`run` is of."""
-        return len(self._blocks)
-
-
-def combined(blocks: Sequence[Block]) -> ErrorModel:
-    """One model of several blocks.
-
-    The nuisances by generalised least squares, a clock rate between the blocks with them, and their
-    covariance larger where the blocks scatter by more than they should; each parameter the
-    geometric mean, weighted, over the blocks of the process that most poses are of.
-    """
-    models = [block.model for block in blocks]
-    poses = np.array([model.poses for model in models])
-    kind = max({m.kind for m in models}, key=lambda k: sum(m.poses for m in models if m.kind is k))
-    nuisances, covariance = _nuisances(blocks)
-    share = poses / poses.sum()
-    stretches = [
-        Stretch(
-            b.begin, b.end, b.model.nuisances.clock_offset, float(b.model.covariance[0, 0]) ** 0.5
-        )
-        for b in blocks
-    ]
-    return ErrorModel(
-        kind,
-        _groups([block for block in blocks if block.model.kind is kind]),
-        nuisances,
-        covariance,
-        unobserved(covariance),
-        int(poses.sum()),
-        float(sum(m.log_likelihood for m in models)),
-        float(sum(m.uncorrected for m in models)),
-        float(share @ [m.chi2_per_dof for m in models]),
-        np.asarray(np.einsum("n,ngl->gl", share, [m.whiteness for m in models])),
-        _last_jumps(models),
-        {
-            k: float(share @ [m.alternatives[k] for m in models])
-            for k in models[0].alternatives
-            if all(k in m.alternatives for m in models)
-        },
-        clock_changes(stretches),
-        tuple(stretches),
-        stamps=Scatter.of([(model.stamps, model.poses) for model in models]),
-        converged=all(model.converged for model in models),
-    )
-
-
-def _last_jumps(models: Sequence[ErrorModel]) -> tuple[Jump, ...]:
-    """The last ones, and no more than so many."""
-    found: list[Jump] = []
-    for model in reversed(models):
-        found[:0] = model.jumps
-        if len(found) >= _JUMPS:
-            break
-    return tuple(found[-_JUMPS:])
-
-
-def _nuisances(blocks: Sequence[Block]) -> tuple[Nuisances, Array]:
-    """Those of the run, about its middle, with their covariance (9, 9)."""
-    count, several = len(blocks), [block.model.nuisances for block in blocks]
-    reference = several[0]
-    middle = 0.5 * (blocks[0].begin + blocks[-1].end)
-    steps = np.empty((count, 9))
-    steps[:, 0] = _column(n.clock_offset for n in several) - reference.clock_offset
-    steps[:, 1] = _column(n.clock_rate for n in several)
-    extrinsics = np.array([n.extrinsic for n in several])
-    steps[:, 2:8] = se3.log(extrinsics @ se3.inverse(reference.extrinsic))
-    steps[:, 8] = np.log(_column(n.scale for n in several) / reference.scale)
-    designs = np.tile(np.eye(9), (count, 1, 1))
-    designs[:, 0, 1] = _column((0.5 * (b.begin + b.end) - middle) * 1e-9 for b in blocks)
-    weights = np.array([block.information for block in blocks])
-    weighted = designs.swapaxes(1, 2) @ weights
-    covariance = np.linalg.inv((weighted @ designs).sum(axis=0))
-    delta = covariance @ np.einsum("nij,nj->i", weighted, steps)
-    if count > 1:
-        rest = steps - designs @ delta
-        spread = float(np.einsum("ni,nij,nj->", rest, weights, rest, optimize=True))
-        covariance = covariance * max(spread / (9.0 * (count - 1)), 1.0)
-    moved = replace(reference, clock_rate=0.0).moved(delta)
-    return moved, 0.5 * (covariance + covariance.T)
-
-
-def _column(values: Iterable[float]) -> Array:
-    return np.fromiter(values, np.float64)
-
-
-def _spread(figure: Figure) -> float:
-    """A standard deviation, or what stands for it: of an interval, half of its upper part."""
-    if figure.interval is not None and not np.isfinite(figure.std):
-        return 0.5 * (figure.interval[1] - figure.value)
-    return figure.std if np.isfinite(figure.std) else float("inf")
-
-
-def _groups(blocks: Sequence[Block]) -> dict[str, dict[str, Figure]]:
-    """Of blocks of one process, the figures that all have: of one that stands, none by distance."""
-    count, fewest = len(blocks), min(block.figures.shape[1] for block in blocks)
-    value, spread = np.moveaxis(np.array([block.figures[:, :fewest] for block in blocks]), -1, 0)
-    value = np.maximum(value, 1e-300)
-    relative = spread / value
-    weight = 1.0 / np.maximum(relative, 1e-2) ** 2
-    told = weight.sum(axis=0) > 0.0
-    weight[:, ~told], relative[:, ~told] = 1.0, np.nan
-    total = weight.sum(axis=0)
-    mean = (weight * np.log(value)).sum(axis=0) / total
-    apart = (weight * (np.log(value) - mean) ** 2).sum(axis=0)
-    excess = np.maximum(apart / max(count - 1, 1), 1.0)
-    known = np.isfinite(relative).any(axis=0)
-    std = np.where(known, np.sqrt(excess / total), np.nan)
-    figures = np.stack([np.exp(mean), np.exp(mean) * std], axis=-1).tolist()
-    return {
-        group: {name: Figure(*figure) for name, figure in zip(names, own, strict=False)}
-        for (group, names), own in zip(blocks[0].model.groups.items(), figures, strict=True)
-    }
+        return self._blocks.count

@@ -12,7 +12,6 @@ where positions and orientations are off by the *same* times is it a matter of s
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,25 +59,46 @@ class Scatter:
         value, std = factor * self.value, factor * self.std
         return Scatter(value, std, self.nats, factor * self.translation, factor * self.rotation)
 
-    @staticmethod
-    def of(several: Sequence[tuple[Scatter | None, int]]) -> Scatter | None:
-        """That of stretches of so many poses each; None where most poses' stamps do not scatter."""
-        there = [(each, poses) for each, poses in several if each is not None]
-        counts = np.array([poses for _, poses in there], dtype=np.float64)
-        if 2.0 * counts.sum() <= sum(poses for _, poses in several):
-            return None
 
-        def mean(values: list[float]) -> float:
-            return math.sqrt(float(np.average(np.square(values), weights=counts)))
+@dataclass(frozen=True, slots=True)
+class Scatters:
+    """Sums over stretches.
 
-        share = counts / counts.sum()
-        return Scatter(
-            mean([each.value for each, _ in there]),
-            float(np.linalg.norm(share * [each.std for each, _ in there])),
-            sum(each.nats for each, _ in there),
-            mean([each.translation for each, _ in there]),
-            mean([each.rotation for each, _ in there]),
+    poses: of all; scattered: of those whose stamps scatter. squares: of value, translation and
+    rotation, by poses, (3,); variance: of the value's sum.
+    """
+
+    poses: int = 0
+    scattered: int = 0
+    nats: float = 0.0
+    squares: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    variance: float = 0.0
+
+    def with_one(self, scatter: Scatter | None, poses: int) -> Scatters:
+        """And of another stretch of so many poses."""
+        if scatter is None:
+            return replace(self, poses=self.poses + poses)
+        value, translation, rotation = (
+            before + poses * each**2
+            for before, each in zip(
+                self.squares, (scatter.value, scatter.translation, scatter.rotation), strict=True
+            )
         )
+        return Scatters(
+            self.poses + poses,
+            self.scattered + poses,
+            self.nats + scatter.nats,
+            (value, translation, rotation),
+            self.variance + (poses * scatter.std) ** 2,
+        )
+
+    def together(self) -> Scatter | None:
+        """That of all; None where most poses' stamps do not scatter."""
+        if 2 * self.scattered <= self.poses:
+            return None
+        value, translation, rotation = (math.sqrt(each / self.scattered) for each in self.squares)
+        std = math.sqrt(self.variance) / self.scattered
+        return Scatter(value, std, self.nats, translation, rotation)
 
 
 def way(data: Data) -> Array:
