@@ -10,17 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import loops
+from trajeval_ros.error_model import maximum, structure
 from trajeval_ros.error_model.axes import Axes, climbed
 from trajeval_ros.error_model.likelihood import Data, Likelihood, by_group
-from trajeval_ros.error_model.maximum import penalised
-from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.process import NUMBERS, Kind
 from trajeval_ros.error_model.series import Series
-from trajeval_ros.error_model.structure import starts
 
 Array = npt.NDArray[np.float64]
 
@@ -45,6 +45,9 @@ _SHORT = 0.3
 _LONG = 3.0
 # Of what is taken all of, so much may be left.
 _ROUND_OFF = 1e-12
+_RULES: Array = np.array([_FEW, _STEPS, _TURNS, _SHORT, _LONG, _ROUND_OFF], dtype=np.float64)
+# So many columns, the errors with them, are searched in C, which has room for no more.
+_MOST_COLUMNS = 16
 # What the other group tells counts so little where it is left out, and is not nothing: orientations
 # alone do not show where the world is.
 _IGNORED = 1e-8
@@ -168,14 +171,20 @@ class _Search:
             self._precision = np.concatenate([data.precision, np.zeros(6)])
         else:
             self._both = data.by_group
-        variance = data.variances.mean(axis=1)
-        self._series = [
-            Series(data.intervals, self._both[g, ..., -1].T, variance[g], **_weights(data, g))
+        self._variance = data.variances.mean(axis=1)
+
+    @cached_property
+    def _series(self) -> list[Series]:
+        data = self._data
+        return [
+            Series(data.intervals, self._both[g, ..., -1].T, self._variance[g], **_weights(data, g))
             for g in range(2)
         ]
 
     def run(self, begin: Guess | None) -> Guess:
         """Nuisances and parameters in turn."""
+        if loops.there() and self._both.shape[3] <= _MOST_COLUMNS:
+            return self._run_in_c(begin)
         places: list[Axes] | None = None
         self._begin = begin
         theta = np.zeros(len(self._precision))
@@ -200,6 +209,47 @@ class _Search:
             if begin is None and (size > _LONG).any():
                 places = None
         return self._guess(places or self._climbed(None, theta), theta, covariance)
+
+    def _run_in_c(self, begin: Guess | None) -> Guess:
+        """As `run`."""
+        data, kind = self._data, self._kind
+        (_, count, _, columns), size = self._both.shape, len(kind.names)
+        theta, covariance = np.zeros(columns - 1), np.empty((columns - 1, columns - 1))
+        parameters, factors = np.empty((2, size)), np.empty((2, 2 * count - 1))
+        known: tuple[loops.Argument, ...] = -1, 0, parameters, 0
+        weights: Data | Guess = data
+        if begin is not None:
+            theta[: len(begin.theta)] = begin.theta
+            same = len(begin.measured) == count
+            weights = begin if same else data
+            given = loops.doubles(begin.parameters)
+            known = NUMBERS[begin.kind], given.shape[1], given, int(same)
+        failed = loops.call(
+            "search_run",
+            NUMBERS[kind],
+            count,
+            columns,
+            size,
+            *map(loops.doubles, (data.intervals, self._both, self._variance, data.travel)),
+            *map(loops.doubles, (self._precision, self._low, self._high)),
+            maximum.RULES,
+            structure.RULES,
+            _RULES,
+            float(self._gain),
+            *known,
+            loops.doubles(np.concatenate([weights.measured, weights.moved]).T),
+            parameters,
+            factors,
+            theta,
+            covariance,
+            np.empty(loops.call("search_room", count, columns)),
+        )
+        if failed:
+            raise np.linalg.LinAlgError("no likelihood")
+        measured, moved = (loops.doubles(each.T) for each in np.split(factors, [count], axis=1))
+        of_nuisances = len(data.precision)
+        found = theta[:of_nuisances], covariance[:of_nuisances, :of_nuisances]
+        return Guess(kind, parameters, measured, moved, *found)
 
     def _guess(self, places: list[Axes], theta: Array, covariance: Array) -> Guess:
         count = len(self._data.precision)
@@ -229,15 +279,15 @@ class _Search:
             bare = replace(
                 series, measured=np.ones_like(series.measured), moved=np.ones_like(series.moved)
             )
-            places = [begin.parameters[g], *starts(self._kind, bare)]
+            places = [begin.parameters[g], *structure.starts(self._kind, bare)]
             there = max(
                 (
                     climbed(self._kind, np.clip(at, low, high), bare, low, high, self._gain, _STEPS)
                     for at in places
                 ),
-                key=penalised,
+                key=maximum.penalised,
             )
-            moved[g] = penalised(there) > penalised(here) + self._gain
+            moved[g] = maximum.penalised(there) > maximum.penalised(here) + self._gain
             return there if moved[g] else here
 
         places = self._rotation_first(theta, chain)
@@ -297,13 +347,13 @@ class _Search:
                 climbed(self._kind, np.clip(start, low, high), series, low, high, self._gain, _FEW)
                 for start in self._starts(group, series)
             ]
-            best = max(candidates, key=penalised)
+            best = max(candidates, key=maximum.penalised)
             begin = best.parameters, best.series
         return climbed(self._kind, *begin, low, high, self._gain, _STEPS)
 
     def _starts(self, group: int, series: Series) -> list[Array]:
         """Parameters (p,) to begin at."""
-        found = starts(self._kind, self._cleaned(group, series))
+        found = structure.starts(self._kind, self._cleaned(group, series))
         if self._kind is Kind.VELOCITY and self._begin is not None:
             # Beside the drift that there is, too.
             drift = self._begin.parameters[group]

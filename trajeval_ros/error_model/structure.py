@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import loops
-from trajeval_ros.error_model.process import Kind
+from trajeval_ros.error_model.process import NUMBERS, Kind
 from trajeval_ros.error_model.series import Series
 
 Array = npt.NDArray[np.float64]
@@ -41,9 +41,20 @@ _TIMES = 12
 _LEAST = 0.03
 _STARTS = 2
 
+RULES: Array = np.array(
+    [_MEDIAN, _RARE, _CLIPPED, _GROWTH, _LONGEST, _GAP, _LEAST, _STARTS], dtype=np.float64
+)
+"""These, as `structure.c` takes them, which knows how many times are tried."""
+
 
 def starts(kind: Kind, series: Series) -> list[Array]:
     """Parameters (p,) to begin at, the likeliest first."""
+    if loops.there():
+        count, places = series.errors.shape[1], np.empty((_STARTS, 4))
+        given = map(loops.doubles, (series.errors, series.intervals, series.variance, RULES))
+        how = NUMBERS[kind], count
+        some = loops.call("structure_starts", *how, *given, places, np.empty(2 * count))
+        return list(places[:some, : len(kind.names)])
     lags, found = structure(series)
     shortest = float(lags[0])
     least = np.array([_LEAST * found[0], 2.0 * _LEAST * found[0] / shortest, 0.0])

@@ -11,6 +11,8 @@
 enum { AXES = 3, LANES = 4, MEAN = 3 };
 enum { DRIFT, VELOCITY, WANDER };
 enum { PARAMETERS = 4 };
+/* Of a structure function, at the most, and times that are tried. */
+enum { LAGS = 64, TIMES = 12 };
 
 /* Symmetric matrices (2, 2) are their entries 00, 01 and 11. */
 typedef double Symmetric[3];
@@ -54,5 +56,42 @@ int chain_smooth(int64_t kind, int64_t count, const double *parameters, const do
 int chain_information(int64_t kind, int64_t count, const double *parameters,
                       const double *intervals, const double *moved, const Filtered *filtered,
                       const double *found, const Smoothed *smoothed, double *told);
+
+/* What a climb keeps to (maximum.py has each as a constant). */
+typedef struct {
+    double kappa, rare, little_change; /* of the factors */
+    double neighbours, farther;        /* among which one changes, and after a step in vain */
+    double much, alone;                /* nats for which the factors move first, so often */
+    double settled, far, sure;         /* of nats, of logarithms, of nats */
+    double trusted, telling;           /* of a curvature */
+    double little, longest;            /* of a Newton step */
+} Rules;
+
+/* κ Σ log λ of factors (n,), most of which are 1. */
+double climb_penalty(int64_t n, const double *factors, double kappa);
+
+int chain_climb(int64_t kind, int64_t count, int64_t size, const double *intervals,
+                const double *errors, const double *variance, const double *low,
+                const double *high, const Rules *rules, double gain, int64_t steps, int64_t near,
+                int64_t weighted, double *parameters, double *factors, Filtered *filtered,
+                double *found, Smoothed *smoothed, double *poses, double *moves,
+                double *gradient, double *work);
+
+int chain_whiten(int64_t count, int64_t lanes, const Filtered *filtered, const double *values,
+                 double *whitened, double *work);
+int chain_smooth_others(int64_t count, int64_t lanes, const Filtered *filtered,
+                        const double *values, double *whitened, double *work);
+int chain_turn(int64_t count, int64_t columns, const double *travel, const double *positions,
+               double *rotations, double *work);
+
+/* What a search begins with (structure.py has each as a constant). */
+typedef struct {
+    double of_median, rare, clipped; /* of a structure function, and to how many lags */
+    double growth, longest, gap;
+    double least, starts; /* of a start, and how many */
+} Beginning;
+
+int structure_starts(int64_t kind, int64_t count, const double *errors, const double *intervals,
+                     const double *variance, const Beginning *rules, double *starts, double *work);
 
 #endif

@@ -178,16 +178,6 @@ LOOPS_WIDE int reweigh(int64_t count, int64_t reach, const double *poses, const 
     return 0;
 }
 
-/* What a climb keeps to (maximum.py has each as a constant). */
-typedef struct {
-    double kappa, rare, little_change; /* of the factors */
-    double neighbours, farther;        /* among which one changes, and after a step in vain */
-    double much, alone;                /* nats for which the factors move first, so often */
-    double settled, far, sure;         /* of nats, of logarithms, of nats */
-    double trusted, telling;           /* of a curvature */
-    double little, longest;            /* of a Newton step */
-} Rules;
-
 /* A chain at a place; what is filtered and smoothed is of the place that was looked at last. */
 typedef struct {
     int64_t kind, count;
@@ -200,8 +190,7 @@ typedef struct {
     double *own_steps, *factors, *work; /* (N,), (2 N,), (8 N,) */
 } Chain;
 
-/* κ Σ log λ of factors (n,), most of which are 1. */
-static double penalty(int64_t n, const double *factors, double kappa)
+double climb_penalty(int64_t n, const double *factors, double kappa)
 {
     double sum = 0.0;
     for (int64_t i = 0; i < n; i++)
@@ -218,7 +207,7 @@ static double value_at(const Chain *chain, const double *parameters, const doubl
     if (chain_filter(chain->kind, n, parameters, chain->intervals, chain->errors, chain->variance,
                      factors, factors + n, chain->filtered, chain->found))
         return -INFINITY;
-    return chain->found[0] - penalty(2 * n - 1, factors, kappa);
+    return chain->found[0] - climb_penalty(2 * n - 1, factors, kappa);
 }
 
 /* That a share of a step (p,) on, at `there`. */

@@ -5,8 +5,10 @@
  * function of errors, the non-negative variances that explain it, and the correlation of two speeds
  * at many offsets.
  */
-#include "loops.h"
+#include "chain.h"
 #include "solve.h"
+
+#include <string.h>
 
 static const double ROUND_OFF = 1e-12;
 
@@ -123,6 +125,118 @@ int nonnegative(int64_t m, int64_t size, const double *normal, const double *rig
         }
     }
     return 0;
+}
+
+/* A structure function (lags,), the number of lags, which is 0 of too few poses; as `structure` of
+ * structure.py. times (N,), rest (N,): work. */
+static int64_t set_structure(int64_t count, const double *errors, const double *intervals,
+                             const double *variance, const Beginning *rules, double *lags,
+                             double *found, double *times, double *rest)
+{
+    int64_t steps[LAGS], n = 1;
+    double longest[LAGS];
+    memcpy(rest, intervals, (count - 1) * sizeof *rest);
+    const double interval = median(count - 1, rest);
+    const double most = fmax(rules->longest * (double)count, 3.0);
+    for (steps[0] = 1; n < LAGS && (double)steps[n - 1] * rules->growth < most; n++) {
+        const int64_t next = (int64_t)((double)steps[n - 1] * rules->growth);
+        steps[n] = next > steps[n - 1] ? next : steps[n - 1] + 1;
+    }
+    for (int64_t l = 0; l < n; l++)
+        longest[l] = rules->gap * interval * (double)steps[l];
+    times[0] = 0.0;
+    for (int64_t i = 0; i + 1 < count; i++)
+        times[i + 1] = times[i] + intervals[i];
+    n = structure(count, n, errors, times, steps, longest, rules->of_median, rules->rare,
+                  (int64_t)rules->clipped, found, rest);
+    memcpy(rest, variance, count * sizeof *rest);
+    const double known = median(count, rest);
+    for (int64_t l = 0; l < n; l++) {
+        const double raw = 0.5 * found[l];
+        lags[l] = interval * (double)steps[l];
+        found[l] = fmax(fmax(raw - known, 0.1 * raw), 1e-14);
+    }
+    return n;
+}
+
+/* What each variance of a process with a time adds at a lag, (k,). */
+static void set_design(int64_t kind, double lag, double time, double *row)
+{
+    const double h = lag / time;
+    row[0] = 1.0;
+    if (kind == WANDER) {
+        row[1] = -expm1(-h);
+        return;
+    }
+    row[1] = 0.5 * lag;
+    if (kind == VELOCITY)
+        row[2] = time * time * (h + expm1(-h));
+}
+
+/* Parameters (starts, 4) at which to begin, the likeliest first, as `starts` of structure.py. Returns
+ * how many there are. work: (2 N,). */
+int structure_starts(int64_t kind, int64_t count, const double *errors, const double *intervals,
+                     const double *variance, const Beginning *rules, double *starts, double *work)
+{
+    double lags[LAGS], found[LAGS], weight[LAGS], largest = 0.0, squares = 0.0;
+    double normal[TIMES * 9], right[TIMES * 3], best[TIMES * 3], cost[TIMES], times[TIMES];
+    double least[3], last[TIMES];
+    const int k = kind == VELOCITY ? 3 : 2, m = kind == DRIFT ? 1 : TIMES;
+    const int64_t n =
+        set_structure(count, errors, intervals, variance, rules, lags, found, work, work + count);
+    if (n == 0)
+        return 0;
+    for (int64_t l = 0; l < n; l++)
+        largest = fmax(largest, found[l]);
+    for (int64_t l = 0; l < n; l++) {
+        weight[l] = 1.0 / fmax(found[l], 1e-6 * largest + 1e-300) / sqrt(lags[l]);
+        squares += found[l] * weight[l] * (found[l] * weight[l]);
+    }
+    const double first = log10(2.0 * lags[0]);
+    const double span = log10(fmax(2.0 * lags[n - 1], 8.0 * lags[0])) - first;
+    memset(normal, 0, sizeof normal);
+    memset(right, 0, sizeof right);
+    for (int i = 0; i < m; i++) {
+        double *const a = normal + i * k * k, *const b = right + i * k;
+        times[i] = pow(10.0, first + span * i / (TIMES - 1));
+        for (int64_t l = 0; l < n; l++) {
+            double row[3];
+            set_design(kind, lags[l], times[i], row);
+            last[i] = row[k - 1];
+            for (int r = 0; r < k; r++) {
+                row[r] *= weight[l];
+                b[r] += row[r] * (found[l] * weight[l]);
+                for (int c = 0; c <= r; c++)
+                    a[r * k + c] = a[c * k + r] += row[r] * row[c];
+            }
+        }
+    }
+    nonnegative(m, k, normal, right, squares, best, cost);
+    least[0] = rules->least * found[0];
+    least[1] = 2.0 * rules->least * found[0] / lags[0];
+    least[2] = 0.0;
+    int chosen = 0, order[TIMES];
+    for (int i = 0; i < m; i++) {
+        if (!((i == 0 || cost[i] <= cost[i - 1]) && (i + 1 == m || cost[i] <= cost[i + 1])))
+            continue;
+        int place = chosen++;
+        for (; place > 0 && cost[order[place - 1]] > cost[i]; place--)
+            order[place] = order[place - 1];
+        order[place] = i;
+    }
+    if (chosen > (int)rules->starts)
+        chosen = (int)rules->starts;
+    for (int j = 0; j < chosen; j++) {
+        const int i = order[j];
+        double *const to = starts + PARAMETERS * j;
+        if (kind != DRIFT) /* something of the process, as it would be the tenth of what there is */
+            least[k - 1] = 0.1 * found[n - 1] / fmax(last[i], 1e-300);
+        for (int r = 0; r < k; r++)
+            to[r] = 0.5 * log(fmax(best[i * k + r], least[r]));
+        if (kind != DRIFT)
+            to[k] = log(times[i]);
+    }
+    return chosen;
 }
 
 static double mean_of(int64_t n, const double *values)
