@@ -5,9 +5,6 @@
 A run may last for days, so the rows of ``poses.csv`` go to a hidden stream file in the folder as
 they come, and no row is kept in memory. Each of the three files appears whole, by a rename, or not
 at all.
-
-ATE's alignment is not known before the end. So every row keeps room for the pose's two errors, and
-they are filled in, in place, as the folder is written.
 """
 
 from __future__ import annotations
@@ -20,50 +17,21 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
-import numpy as np
-import numpy.typing as npt
-
-from trajeval_ros import se3
+from trajeval_ros.files.columns import COLUMNS, filled, rows_as_text
 from trajeval_ros.files.partial import lock, remove_leftovers, replacing
 from trajeval_ros.files.tum import tum_text
-from trajeval_ros.online.ate import ate_errors
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.samples import PoseSamples
 
-Array = npt.NDArray[np.float64]
 Summary = Mapping[str, Any]
-
-_POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
-_UPPER = np.triu_indices(6)
-
-COLUMNS: tuple[str, ...] = (
-    "stamp_ns",
-    *(f"gt_{name}" for name in _POSE),
-    *(f"cov_{row}{column}" for row, column in zip(*_UPPER, strict=True)),
-    *(f"est_{name}" for name in _POSE),
-    *(f"e_{axis}" for axis in range(6)),
-    "chi2",
-    "log_det",
-    "log_likelihood",
-    "sampled",
-    "ate_translation",
-    "ate_rotation",
-)
-"""The columns of ``poses.csv``."""
 
 _HEADER = ",".join(COLUMNS) + "\n"
 
-# The last three columns have this many characters: what the two errors do not need, and each may
-# need 24, are blanks behind the first of them, a number to every reader of CSV.
-_TAIL = 52
 # How much of the rows is in memory at a time, bytes.
 _BLOCK = 1 << 20
 
 # Ctrl-C this often while one file is being written, and it is given up.
 _PATIENCE = 20
-
-# Where a row has the two poses.
-_POSES = tuple(COLUMNS.index(f"{whose}_{name}") for whose in ("gt", "est") for name in _POSE)
 
 FILES = ("summary.json", "poses.csv", "report.html")
 """What is written, in this order."""
@@ -104,56 +72,6 @@ class OutputError(Exception):
         """The same, of a folder called ``name`` in another one."""
         failures = {f"{name}/{file}": line for file, line in self.failures.items()}
         return OutputError(str(self), failures or {name: str(self)}, self.full)
-
-
-def format_rows(evaluations: Evaluations) -> str:
-    """Rows of ``poses.csv`` in full precision: ``float`` reads back what was computed."""
-    columns = np.concatenate(
-        [
-            *se3.to_position_quaternion(evaluations.ground_truth),
-            evaluations.covariance[:, _UPPER[0], _UPPER[1]],
-            *se3.to_position_quaternion(evaluations.estimate),
-            evaluations.relative_error,
-            evaluations.chi2[:, None],
-            evaluations.log_det[:, None],
-            evaluations.log_likelihood[:, None],
-        ],
-        axis=1,
-    )
-    # repr(float) is the shortest text that reads back as the same number; NumPy has no batch form
-    # of it.
-    rows = zip(
-        evaluations.stamps.tolist(), columns.tolist(), evaluations.sampled.tolist(), strict=True
-    )
-    return "".join(
-        f"{stamp},{','.join(map(repr, row)).replace('nan', '')}{_tail(sampled)}\n"
-        for stamp, row, sampled in rows
-    )
-
-
-def _tail(sampled: bool, translation: str = "", rotation: str = "") -> str:
-    """The last three columns."""
-    return f",{int(sampled)}".ljust(_TAIL - 2 - len(translation + rotation)) + (
-        f",{translation},{rotation}"
-    )
-
-
-def _filled(rows: bytes, conventional: Summary) -> bytes:
-    """Whole ``rows`` with the errors of those that ATE counts; not a byte longer."""
-    lines = rows.decode("utf-8").splitlines()
-    poses = np.loadtxt(lines, delimiter=",", usecols=_POSES, ndmin=2)
-    truth, estimate = (
-        se3.from_position_quaternion(part[:, :3], part[:, 3:])
-        for part in (poses[:, :7], poses[:, 7:])
-    )
-    errors = ate_errors(conventional, truth, estimate)
-    texts = zip(*(map(repr, part.tolist()) for part in errors), strict=True)
-    return "".join(
-        line[:-_TAIL] + _tail(True, *(text.replace("nan", "") for text in pair)) + "\n"
-        if line[1 - _TAIL] == "1"
-        else f"{line}\n"
-        for line, pair in zip(lines, texts, strict=True)
-    ).encode("utf-8")
 
 
 class OutputFolder:
@@ -239,7 +157,7 @@ class OutputFolder:
         if len(evaluations.stamps) == 0:
             return
         try:
-            self._append(self._waiting + format_rows(evaluations).encode("utf-8"))
+            self._append(self._waiting + rows_as_text(evaluations))
         except OSError as error:
             raise OutputError(
                 _refused(self.path / "poses.csv", error), full=error.errno in _FULL
@@ -370,7 +288,7 @@ class OutputFolder:
         try:
             if conventional.get("ate_translation_rmse") is not None:
                 for position, rows in self._blocks():
-                    _overwrite(self._stream.fileno(), _filled(rows, conventional), position)
+                    _overwrite(self._stream.fileno(), filled(rows, conventional), position)
         except OSError as error:
             # Not worth the rows themselves.
             self._unfilled = error.strerror or str(error)

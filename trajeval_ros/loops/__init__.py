@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 # In the environment 0 leaves all to NumPy, and a path is that of another library (`make sanitize`).
 SWITCH = "TRAJEVAL_ROS_LOOPS"
-_KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.bool_))
+_KINDS = tuple(np.dtype(kind) for kind in (np.float64, np.int64, np.uint64, np.uint8, np.bool_))
 
 Argument = np.ndarray | int | float
 _byref, _from_buffer = ctypes.byref, ctypes.c_char.from_buffer
@@ -96,8 +96,8 @@ def doubles(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
 def call(name: str, *arguments: Argument) -> int:
     """Call a function of the library with arrays, integers and floats, and return what it returns.
 
-    Arrays are of float64, int64 or bool, in C's order, and those that it writes to are given
-    whole: what it is given is read and written in place.
+    Arrays are of the kinds above, in C's order, and those that it writes to are given whole: what
+    it is given is read and written in place.
     """
     assert _library is not None, "the loops were not built"
     return int(getattr(_library, name)(*map(_passed, arguments)))

@@ -51,7 +51,7 @@ _SECOND = 1_000_000_000
 _CHUNK = 40_000_000_000
 # Of smaller ones the ground truth is fed together: half of what the engine keeps of it.
 _AHEAD = PATIENCE // 2
-_POINTS = 120
+_POINTS = 60
 # The error model asks the ground truth anew at every offset of the clocks that it tries, so the
 # whole of it is kept, a kilobyte a sample; and a fit of all poses takes 12 kB of each. Of more than
 # these the model is of blocks.
