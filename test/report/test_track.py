@@ -6,12 +6,15 @@ import dataclasses
 import itertools
 
 import numpy as np
+import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
 from trajeval_ros import se3
 from trajeval_ros.online.results import Evaluations, Results
 from trajeval_ros.report.track import Track
+
+Array = npt.NDArray[np.float64]
 
 
 def make_poses(count: int) -> Evaluations:
@@ -92,6 +95,48 @@ def test_of_each_stretch_the_largest_errors_stay(count: int, capacity: int) -> N
         error = np.linalg.norm(poses.absolute_error[:, part], axis=-1)
         for begin in range(0, count - size + 1, size):
             assert begin + int(np.argmax(error[begin : begin + size])) in rows
+
+
+@given(
+    runs=st.lists(
+        st.tuples(st.sampled_from([1, 2, 70]), *2 * [st.sampled_from([0.0, 1.0, 2.0, np.nan])]),
+        max_size=12,
+    ),
+    cuts=st.lists(st.integers(0, 1000)),
+    capacity=st.sampled_from([2, 4]),
+)
+def test_of_a_stretch_that_is_not_whole_no_more_than_may_be_kept_is(
+    runs: list[tuple[int, float, float]], cuts: list[int], capacity: int
+) -> None:
+    # Several poses in a row have the same errors.
+    sizes = [each for count, *each in runs for _ in range(count)]
+    poses = make_poses(len(sizes))
+    errors = np.zeros((len(sizes), 6))
+    errors[:, [0, 3]] = np.array(sizes).reshape(-1, 2)
+    track = filled(dataclasses.replace(poses, absolute_error=errors), cuts, capacity)
+    found = track.poses()["count"] - 1
+    assert len(track._pending) <= 4
+    # Two of each stretch, and of each two stretches, once these are too many.
+    kept, size = [], 2
+    waiting = list(range(len(sizes)))
+    while len(waiting) >= size:
+        kept += largest(errors, waiting[:size])
+        waiting = waiting[size:]
+        if len(kept) == 2 * capacity:
+            kept = [row for i in range(0, len(kept), 4) for row in largest(errors, kept[i : i + 4])]
+            size *= 2
+    rest = largest(errors, waiting) if len(waiting) > 2 else waiting
+    ends = [0, len(sizes) - 1] if sizes else []
+    assert found.tolist() == sorted({*kept, *rest, *ends})
+
+
+def largest(errors: Array, rows: list[int]) -> list[int]:
+    """The two of these rows that are kept, the slow way."""
+    size = {row: np.nan_to_num(errors[row, [0, 3]], nan=-1.0) for row in rows}
+    first, second = (max(rows, key=lambda row: size[row][part]) for part in (0, 1))
+    if first == second:
+        second = min((row for row in rows if row != first), key=lambda row: size[row][0])
+    return sorted((first, second))
 
 
 def test_chunking_does_not_matter() -> None:

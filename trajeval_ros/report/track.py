@@ -34,6 +34,8 @@ FIELDS = np.dtype(
 
 # So many poses are taken in at once.
 _BATCH = 64
+# As many of a stretch may be among the two that are kept of it, by what is there of it so far.
+_CANDIDATES = 4
 
 Records = npt.NDArray[np.void]
 
@@ -48,8 +50,10 @@ class Track:
         self._capacity = capacity
         self._kept: Records = np.empty(2 * capacity, FIELDS)
         self._used = 0
-        # Of so many poses, two are kept.
+        # Of so many poses, two are kept; of those of a stretch that is not whole yet, so many by
+        # now, the ones that may be among them.
         self._group = 2
+        self._begun = 0
         self._pending: Records = np.empty(0, FIELDS)
         self._waiting: list[tuple[Evaluations, float | None]] = []
         self._waiting_poses = 0
@@ -78,18 +82,34 @@ class Track:
         if not len(self._first):
             self._first = records[:1].copy()
         self._newest = records[-1:].copy()
-        waiting = np.concatenate([self._pending, records])
-        while len(waiting) >= self._group:
-            room = (len(self._kept) - self._used) // 2
-            full = min(room, len(waiting) // self._group)
-            taken, waiting = np.split(waiting, [full * self._group])
-            self._kept[self._used : self._used + 2 * full] = _largest(taken, self._group)
-            self._used += 2 * full
-            if self._used == len(self._kept):
-                self._kept[: self._capacity] = _largest(self._kept, 4)
-                self._used = self._capacity
-                self._group *= 2
-        self._pending = waiting
+        while len(records):
+            if self._begun or len(records) < self._group:
+                records = self._begin(records)
+                continue
+            full = min((len(self._kept) - self._used) // 2, len(records) // self._group)
+            taken, records = np.split(records, [full * self._group])
+            self._keep(_largest(taken, self._group))
+
+    def _begin(self, records: Records) -> Records:
+        """Go on with a stretch that is not whole yet; return what is after it."""
+        mine, after = np.split(records, [self._group - self._begun])
+        self._begun += len(mine)
+        self._pending = np.concatenate([self._pending, mine])
+        if self._begun == self._group:
+            self._keep(_largest(self._pending, len(self._pending)))
+            self._begun, self._pending = 0, np.empty(0, FIELDS)
+        elif len(self._pending) > _CANDIDATES:
+            self._pending = _candidates(self._pending)
+        return after
+
+    def _keep(self, records: Records) -> None:
+        """Keep those of whole stretches, for which there is room."""
+        self._kept[self._used : self._used + len(records)] = records
+        self._used += len(records)
+        if self._used == len(self._kept):
+            self._kept[: self._capacity] = _largest(self._kept, 4)
+            self._used = self._capacity
+            self._group *= 2
 
     def _records(self, evaluations: Evaluations, total: float | None) -> Records:
         records = np.empty(len(evaluations.stamps), FIELDS)
@@ -128,13 +148,27 @@ def _largest(records: Records, size: int) -> Records:
     """
     groups = records.reshape(-1, size)
     rows = np.arange(len(groups))
-    translation, rotation = (
-        np.nan_to_num(groups[f"absolute_{part}_error"], nan=-1.0)
-        for part in ("translation", "rotation")
-    )
+    translation, rotation = _sizes(groups)
     first, second = np.argmax(translation, axis=1), np.argmax(rotation, axis=1)
     others = translation.copy()
     others[rows, first] = np.inf
     second = np.where(second == first, np.argmin(others, axis=1), second)
     chosen = np.sort(np.stack([first, second], axis=1), axis=1)
     return np.asarray(groups[rows[:, None], chosen].reshape(-1))
+
+
+def _candidates(records: Records) -> Records:
+    """Those that `_largest` may take, whatever comes after them; in their order."""
+    translation, rotation = _sizes(records)
+    smallest = np.argsort(translation, kind="stable")[:2]
+    chosen = {int(np.argmax(translation)), int(np.argmax(rotation)), *smallest.tolist()}
+    return records[sorted(chosen)]
+
+
+def _sizes(records: Records) -> tuple[Array, Array]:
+    """The errors in translation and in rotation; below all others where there is none."""
+    translation, rotation = (
+        np.nan_to_num(records[f"absolute_{part}_error"], nan=-1.0)
+        for part in ("translation", "rotation")
+    )
+    return translation, rotation
