@@ -9,10 +9,10 @@ import pytest
 from twins.profiles import KINDS, Profile, noisy
 from twins.runs import START
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.files.tum import read_tum
 from trajeval_ros.ground_truth.faults import Faults
-from trajeval_ros.ground_truth.jumps import errors
+from trajeval_ros.ground_truth.jumps import Memory, errors
 from trajeval_ros.ground_truth.screen import Screen
 from trajeval_ros.ground_truth.segment import Samples
 
@@ -31,6 +31,21 @@ def screened(samples, batch=50):
     passed = sum((each.samples for each in found[1:]), start=found[0].samples)
     cuts = [cut for each in found for cut in each.cuts]
     return passed, cuts, [fault for fault in faults.found if fault.code == "origin_jump"]
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+def test_the_loop_remembers_what_numpy_does():
+    rng = np.random.default_rng(SEED)
+    stamps = START + np.cumsum(rng.integers(1, 20_000_000, 9000))
+    samples = Samples(stamps, noisy(rng, flight(1e-9 * (stamps - START)), 1e-3, 1e-3))
+    whole, parts = Memory(), Memory()
+    whole.add(samples)
+    with loops.left_out():
+        for begin in range(0, len(samples), 700):
+            parts.add(samples[begin : begin + 700])
+    assert len(whole._known) == 2048
+    np.testing.assert_array_equal(whole._known.stamps, parts._known.stamps)
+    np.testing.assert_array_equal(whole._known.poses, parts._known.poses)
 
 
 def at(times, poses):

@@ -191,7 +191,7 @@ def test_memory_is_bounded():
         clock.accept(part)
         assert len(clock._pending) < 200
         assert len(clock._corners) <= 32
-        assert len(clock._recent) <= 4
+        assert len(clock._recent) <= 128
 
 
 @pytest.mark.parametrize("pause", [2.0, 30.0, 600.0])

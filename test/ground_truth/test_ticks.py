@@ -5,9 +5,22 @@
 import numpy as np
 import pytest
 
-from trajeval_ros.ground_truth.ticks import SECOND, quantised, resolution, whole_seconds
+from trajeval_ros.ground_truth import ticks
+from trajeval_ros.ground_truth.ticks import SECOND, coarsest, resolutions, whole_seconds
 
 START = 1_700_000_000 * SECOND + 98_386_526
+
+
+def resolution(stamps):
+    """Of one block."""
+    (found,) = resolutions(stamps[None])
+    return found
+
+
+def quantised(stamps, tick):
+    """The same."""
+    (found,) = ticks.quantised(stamps[None], np.array([tick]))
+    return found
 
 
 def rounded(seconds, tick):
@@ -45,6 +58,19 @@ def test_fine_stamps_have_no_ticks():
         assert resolution(START + (seconds * 1e9).astype(np.int64)) == 0
     milliseconds = rounded(np.cumsum(rng.uniform(0.009, 0.011, 64)), 0.001)
     assert resolution(milliseconds) == 0
+
+
+def test_blocks_are_looked_at_each_by_itself():
+    rng = np.random.default_rng(2)
+    intervals = np.cumsum(rng.uniform(0.5, 1.5, (40, 64)) / rng.uniform(0.5, 200.0, (40, 1)), 1)
+    sizes = rng.choice([1e-9, 0.004, 0.01, 1 / 64, 0.1, 1.0], (40, 1))
+    blocks = START + np.rint(np.floor(intervals / sizes) * sizes * 1e9).astype(np.int64)
+    found = resolutions(blocks)
+    for block, tick in zip(blocks, found.tolist(), strict=True):
+        assert tick == coarsest(block, float(np.median(np.diff(block))))
+    flags = ticks.quantised(blocks, found)
+    assert 5 < np.count_nonzero(flags) < np.count_nonzero(found) + 1 < 40
+    assert flags.tolist() == [quantised(*each) for each in zip(blocks, found, strict=True)]
 
 
 def test_whole_seconds_are_told():

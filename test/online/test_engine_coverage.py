@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much of a run an estimate is there for."""
 
+import contextlib
 import itertools
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins.runs import START, assert_same_summary, motion, samples
 
+from trajeval_ros import loops
 from trajeval_ros.ground_truth.faults import Fault
 from trajeval_ros.online.coverage import Odometer, Presence, coverage
 from trajeval_ros.online.engine import Engine
@@ -52,6 +54,25 @@ def test_the_same_however_the_batches_are_cut(cuts, capacity):
     assert_same_summary(cut, expected)
     np.testing.assert_array_equal(parts[0].way().positions, whole[0].way().positions)
     assert len(whole[0].way().stamps) <= capacity + 1
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+def test_the_same_without_loops():
+    rng = np.random.default_rng(2)
+    stamps, positions = circle()
+    positions += rng.normal(0.0, 2e-3, positions.shape)
+    ways = []
+    for without in (contextlib.nullcontext, loops.left_out):
+        odometer = Odometer(5e-4, 64)
+        with without():
+            for begin in range(0, len(stamps), 300):
+                some = slice(begin, begin + 300)
+                odometer.add(stamps[some], positions[some])
+        ways.append(odometer.way())
+    assert 32 <= len(ways[0].stamps) <= 65
+    np.testing.assert_array_equal(ways[0].stamps, ways[1].stamps)
+    np.testing.assert_array_equal(ways[0].positions, ways[1].positions)
+    np.testing.assert_allclose(ways[0].lengths, ways[1].lengths, rtol=1e-12)
 
 
 def found(keep):

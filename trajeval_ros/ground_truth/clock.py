@@ -287,7 +287,7 @@ class RegularClock:
         """Start without stamps."""
         self._pending = np.empty(0, dtype=np.int64)
         self._block: list[tuple[Stamps, Counts]] = []  # of the block that is not complete
-        self._recent: list[Stamps] = []  # the stamps of the last blocks
+        self._recent = np.empty(0, dtype=np.int64)  # the stamps of the last blocks
         self._corners: list[tuple[int, float]] = []  # (k, s) of an early one of each
         self._blocks = 0  # that the line was drawn anew with
         self._line: Line | None = None
@@ -296,7 +296,8 @@ class RegularClock:
         self._before: int | None = None  # the stamp before the pending ones
         self._begun = False
         self._newest: deque[Sums] = deque(maxlen=_HELD_TO)
-        self._pause = self._paused = 0
+        # Without a line: so many blocks until one is sought, and so many stamps of them passed.
+        self._pause = self._passed = 0
         self.sums = Sums()
         """What the stamps so far have told, while there was a line."""
 
@@ -325,30 +326,38 @@ class RegularClock:
         found: list[Timed] = []
         self._begin(final=False)
         while self._begun:
-            room = _BLOCK - sum(len(stamps) for stamps, _ in self._block)
+            room, line = self._room, self._line
             ready = int(np.searchsorted(self._pending, until, side="right"))
             taken = min(room, ready)
             if not taken:
                 break
-            gaps = np.flatnonzero(np.diff(self._pending[:taken]) > LOOK_AHEAD) + 1
-            taken = int(gaps[0]) if len(gaps) else taken
-            if self._has_started_over():
-                self._block, self._recent = [], []
-                self._draw(self._pending[:0])
-                continue
+            if line is not None:
+                gaps = np.flatnonzero(np.diff(self._pending[:taken]) > LOOK_AHEAD) + 1
+                taken = int(gaps[0]) if len(gaps) else taken
+                if self._has_started_over(line):
+                    self._block, self._recent = [], self._pending[:0]
+                    self._draw(self._pending[:0])
+                    continue
             found.append(self._take(taken))
             if taken == room:
                 self._complete()
         return _timed(found)
 
-    def _has_started_over(self) -> bool:
+    @property
+    def _room(self) -> int:
+        """So many stamps more complete a block; without a line, those after which one is sought."""
+        if self._line is None:
+            return _BLOCK * self._pause - self._passed
+        return _BLOCK - sum(len(stamps) for stamps, _ in self._block)
+
+    def _has_started_over(self, line: Line) -> bool:
         """Whether the pending stamps follow a gap and are of other ticks than the line's.
 
         As of an instrument that was started again. If the delays are exponential, the least of m
         exceeds x with the probability exp(-m x / mean).
         """
-        line, first = self._line, int(self._pending[0])
-        if line is None or self._before is None or first - self._before <= LOOK_AHEAD:
+        first = int(self._pending[0])
+        if self._before is None or first - self._before <= LOOK_AHEAD:
             return False
         end = int(np.searchsorted(self._pending, first + LOOK_AHEAD, side="right"))
         seconds = _seconds(self._pending[:end], self._base)
@@ -372,7 +381,7 @@ class RegularClock:
         """Look for a line in ``stamps``, by which it then counts."""
         self._line, self._corners, self._blocks = None, [], 0
         self._newest.clear()
-        self._pause, self._paused = min(max(2 * self._pause, _FIRST_PAUSE), _LONGEST_PAUSE), 0
+        self._pause, self._passed = min(max(2 * self._pause, _FIRST_PAUSE), _LONGEST_PAUSE), 0
         if len(stamps) < _FEWEST:
             return
         seconds = _seconds(stamps, int(stamps[0]))
@@ -386,7 +395,6 @@ class RegularClock:
     def _take(self, count: int) -> Timed:
         """Decide on the first ``count`` pending stamps."""
         stamps, line = self._pending[:count], self._line
-        counts = np.zeros(count, dtype=np.int64)
         regular = stamps
         if line is not None:
             end = np.searchsorted(self._pending, stamps[-1] + LOOK_AHEAD, side="right")
@@ -397,25 +405,30 @@ class RegularClock:
             steps = apart * np.arange(count, dtype=np.int64)
             least = regular[0] if self._last is None else self._last + apart
             regular = np.maximum.accumulate(np.maximum(regular - steps, least)) + steps
+            self._block.append((stamps, counts))
         elif self._last is not None:
             regular = np.maximum(stamps, self._last + 1 + np.arange(count))
+        if line is None:
+            self._passed += count
+            self._recall(stamps)
         self._last = int(regular[-1])
         self._before = int(stamps[-1])
-        self._block.append((stamps, counts))
         self._pending = self._pending[count:]
         return Timed(stamps, regular)
 
+    def _recall(self, stamps: Stamps) -> None:
+        """Keep the newest of those before and of ``stamps``."""
+        self._recent = np.concatenate([self._recent, stamps[-_FIRST:]])[-_FIRST:]
+
     def _complete(self) -> None:
-        """Draw the line anew with a complete block, or give it up."""
-        stamps, counts = (np.concatenate(each) for each in zip(*self._block, strict=True))
-        self._block = []
-        self._recent = [*self._recent, stamps][-_FIRST // _BLOCK :]
+        """Draw the line anew with a complete block, or give it up; without one, look for one."""
         line = self._line
         if line is None:
-            self._paused += 1
-            if self._paused >= self._pause:
-                self._draw(np.concatenate(self._recent))
+            self._draw(self._recent)
             return
+        stamps, counts = (np.concatenate(each) for each in zip(*self._block, strict=True))
+        self._block = []
+        self._recall(stamps)
         seconds = _seconds(stamps, self._base)
         steps = np.diff(counts)
         rare = float(np.median(steps)) > 1.0
@@ -427,7 +440,7 @@ class RegularClock:
         if len(self._newest) == _HELD_TO:
             newest = reduce(operator.add, self._newest)
             if newest.gain(line.period) < _LOSS:
-                self._draw(np.concatenate(self._recent))
+                self._draw(self._recent)
                 return
         self.sums += sums
         early = _early(seconds - line.at(counts))
@@ -442,7 +455,7 @@ class RegularClock:
     def _check(self) -> None:
         """Take another line where the newest stamps tell it more clearly."""
         assert self._line is not None
-        stamps = np.concatenate(self._recent)
+        stamps = self._recent
         found = drawn(_seconds(stamps, int(stamps[0])))
         if found is None:
             return

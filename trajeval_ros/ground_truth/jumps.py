@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth.segment import Samples
 
 Array = npt.NDArray[np.float64]
@@ -173,15 +173,16 @@ class Memory:
 
     def add(self, samples: Samples) -> None:
         """Remember some of the later samples."""
-        for index, stamp in enumerate(samples.stamps.tolist()):
-            if stamp < self._next:
-                continue
+        chosen = (_apart if loops.there() else _apart_in_numpy)(samples.stamps, self._next)
+        while len(chosen):
             if self._count == len(self._stamps):
                 for each in (self._stamps, self._poses):
                     each[:_MOST] = each[_MOST:]
                 self._count = _MOST
-            self._stamps[self._count], self._poses[self._count] = stamp, samples.poses[index]
-            self._count, self._next = self._count + 1, stamp + _SPACING
+            some, chosen = np.split(chosen, [len(self._stamps) - self._count])
+            here = slice(self._count, self._count + len(some))
+            self._stamps[here], self._poses[here] = samples.stamps[some], samples.poses[some]
+            self._count, self._next = here.stop, int(samples.stamps[some[-1]]) + _SPACING
 
     def forget(self) -> None:
         """Forget them: what follows has another origin."""
@@ -241,6 +242,24 @@ class Memory:
             if ran.sizes[0] < _BY_CLOCK * move.sizes[0]:
                 return None
         return Jump(move.vectors[0], by)
+
+
+def _apart(stamps: npt.NDArray[np.int64], begin: int) -> Index:
+    """Which of ``stamps`` (n,) to remember, from the first at or after ``begin`` (ns) on."""
+    chosen, count = np.empty(len(stamps), dtype=np.int64), np.empty(1, dtype=np.int64)
+    stamps = np.ascontiguousarray(stamps)
+    loops.call("thinned_by_time", stamps, len(stamps), begin, _SPACING, chosen, count)
+    return chosen[: count[0]]
+
+
+def _apart_in_numpy(stamps: npt.NDArray[np.int64], begin: int) -> Index:
+    """The same, one after the other."""
+    chosen = []
+    for index, stamp in enumerate(stamps.tolist()):
+        if stamp >= begin:
+            chosen.append(index)
+            begin = stamp + _SPACING
+    return np.array(chosen, dtype=np.int64)
 
 
 def interval(before: Samples, after: Samples) -> int:

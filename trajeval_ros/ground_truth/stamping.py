@@ -269,17 +269,20 @@ class _Coarse:
         self._seen += len(stamps)
         self._whole = self._whole and ticks.whole_seconds(stamps)
         self._last = np.concatenate([self._last, stamps])
-        while len(self._last) >= _BATCH:
-            block, self._last = self._last[:_BATCH], self._last[_BATCH:]
-            self._look(block)
+        whole = len(self._last) // _BATCH * _BATCH
+        if whole:
+            self._look(self._last[:whole].reshape(-1, _BATCH))
+            self._last = self._last[whole:]
 
-    def _look(self, block: Stamps) -> None:
-        tick = ticks.resolution(block)
-        self._regular_tick = max(self._regular_tick, tick)
-        if ticks.quantised(block, tick):
-            self._span = (self._span[0] if self._count else int(block[0]), int(block[-1]))
-            self._count += len(block)
-            self.tick = max(self.tick, tick)
+    def _look(self, blocks: Stamps) -> None:
+        found = ticks.resolutions(blocks)
+        self._regular_tick = max(self._regular_tick, int(found.max()))
+        rounded = np.flatnonzero(ticks.quantised(blocks, found))
+        if len(rounded):
+            begin, end = int(blocks[rounded[0], 0]), int(blocks[rounded[-1], -1])
+            self._span = (self._span[0] if self._count else begin, end)
+            self._count += blocks.shape[1] * len(rounded)
+            self.tick = max(self.tick, int(found[rounded].max()))
 
     def fault(self, uncertain: bool, repeated: bool) -> Fault | None:
         """The fault; ``uncertain``: the poses say so, too."""

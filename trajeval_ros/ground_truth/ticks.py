@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 Stamps = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 SECOND = 1_000_000_000
 # What clocks tick at, ns: seconds and their parts, schedulers' ticks of 1/64, 1/100 and 1/250 s. A
@@ -30,9 +32,21 @@ _UNLIKE, _EVENLY = 0.05, 1.3
 _TELLING = 12
 
 
-def resolution(stamps: Stamps) -> int:
-    """The coarsest ticks (ns) that all ``stamps`` (n,) are on; 0 for ticks that do not matter."""
-    return coarsest(stamps, middle(np.diff(stamps)))
+def resolutions(blocks: Stamps) -> Stamps:
+    """The coarsest ticks (ns) that all of each block (m, n) are on; 0 for ticks without a say."""
+    since = blocks - blocks[:, :1]
+    least = _MATTERS * _middles(np.diff(blocks))
+    found = np.zeros(len(blocks), dtype=np.int64)
+    ticks = np.array(_TICKS)
+    # Where they are not, the first few tell already.
+    likely = _on_ticks(since[:, None, :_TELLING], ticks[:, None]) & (ticks >= least[:, None])
+    while len(rows := np.flatnonzero(likely.any(axis=1))):
+        first = likely[rows].argmax(axis=1)
+        likely[rows, first] = False
+        on = _on_ticks(since[rows], ticks[first, None])
+        found[rows[on]] = ticks[first[on]]
+        likely[rows[on]] = False
+    return found
 
 
 def coarsest(stamps: Stamps, usual: float) -> int:
@@ -41,34 +55,32 @@ def coarsest(stamps: Stamps, usual: float) -> int:
     for tick in _TICKS:
         if tick < _MATTERS * usual:
             break
-        # Where they are not, the first few tell already.
         if _on_ticks(since[:_TELLING], tick) and _on_ticks(since, tick):
             return tick
     return 0
 
 
-def _on_ticks(since: Stamps, tick: int) -> bool:
+def _on_ticks(since: Stamps, tick: int | Stamps) -> Mask:
     off = (since + tick // 2) % tick - tick // 2
-    return bool((np.abs(off) <= _EXACTLY).all())
+    return np.asarray((np.abs(off) <= _EXACTLY).all(axis=-1))
 
 
-def quantised(stamps: Stamps, tick: int) -> bool:
-    """Whether ``stamps`` (n,) were rounded to the ticks (ns) of their `resolution`.
+def quantised(blocks: Stamps, ticks: Stamps) -> Mask:
+    """Which of the blocks (m, n) were rounded to the ticks (m,), ns, of their `resolutions`.
 
     By their intervals: samples that are whole ticks apart, some of them missing, do not show it.
     """
-    if not tick:
-        return False
-    steps = np.rint(np.diff(stamps) / tick).astype(np.int64)
-    usual = max(int(middle(steps)), 1)
-    if (steps % usual != 0).mean() >= _UNEVEN:
-        return True
-    if (steps != usual).mean() < _UNLIKE:
-        return False
-    index = np.arange(len(stamps))
-    since = stamps - stamps[0]
-    off = since - np.polyval(np.polyfit(index, since, 1), index)
-    return float(np.ptp(off)) <= _EVENLY * tick
+    found = np.zeros(len(blocks), dtype=np.bool_)
+    some = np.flatnonzero(ticks)
+    if not len(some):
+        return found
+    steps = np.rint(np.diff(blocks[some]) / ticks[some, None]).astype(np.int64)
+    usual = np.maximum(_middles(steps).astype(np.int64), 1)[:, None]
+    found[some] = (steps % usual != 0).mean(axis=1) >= _UNEVEN
+    unlike = (steps != usual).mean(axis=1) >= _UNLIKE
+    for block in some[unlike & ~found[some]].tolist():
+        found[block] = float(np.ptp(_off_even(blocks[block]))) <= _EVENLY * ticks[block]
+    return found
 
 
 def on_even_clock(stamps: Sequence[Stamps], tick: int) -> bool:
@@ -99,5 +111,10 @@ def whole_seconds(stamps: Stamps) -> bool:
 
 def middle(values: npt.NDArray[np.int64] | npt.NDArray[np.float64]) -> float:
     """The median: NumPy's takes ten times as long for few."""
-    ordered = np.sort(values)
-    return 0.5 * float(ordered[(len(values) - 1) // 2] + ordered[len(values) // 2])
+    return float(_middles(values))
+
+
+def _middles(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """That of each row (..., n)."""
+    ordered, count = np.sort(values), values.shape[-1]
+    return np.asarray(0.5 * (ordered[..., (count - 1) // 2] + ordered[..., count // 2]))

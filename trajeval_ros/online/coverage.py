@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from trajeval_ros import loops
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -37,42 +39,56 @@ class Odometer:
         self._capacity = capacity
         self._stride = 1
         self._count = 0
-        self._anchor: tuple[float, ...] | None = None
+        self._anchor: Array | None = None
         # Made once: a run's memory does not grow.
         self._stamps = np.zeros(capacity + 1, dtype=np.int64)
         self._lengths = np.zeros(capacity + 1)
         self._positions = np.zeros((capacity + 1, 3))
         self._used = 0
-        self._last: tuple[int, tuple[float, ...]] | None = None
+        self._last: tuple[int, Array] | None = None
         self.length = 0.0
         """m so far."""
 
     def add(self, stamps: Stamps, positions: Array) -> None:
         """Take ``stamps`` (n,), later than all before, and the ``positions`` (n, 3) there."""
-        anchor = self._anchor
-        # One after the other: how far a sample is away depends on where the last step ended.
-        for stamp, position in zip(stamps.tolist(), map(tuple, positions.tolist()), strict=True):
-            away = math.inf if anchor is None else math.dist(position, anchor)
-            if away > self._step:
-                self.length += 0.0 if anchor is None else away
-                anchor = position
-                self._keep(stamp, position)
-            self._last = stamp, position
-        self._anchor = anchor
+        if not len(stamps):
+            return
+        self._last = int(stamps[-1]), positions[-1].copy()
+        if self._anchor is None:
+            self._anchor = positions[0].copy()
+            self._keep(stamps[:1], np.zeros(1), positions[:1])
+        steps = _steps if loops.there() else _steps_in_numpy
+        chosen, away = steps(loops.doubles(positions), self._step, self._anchor)
+        if len(chosen):
+            lengths = np.cumsum(np.concatenate([[self.length], away]))[1:]
+            self.length = float(lengths[-1])
+            self._keep(stamps[chosen], lengths, positions[chosen])
 
-    def _keep(self, stamp: int, position: tuple[float, ...]) -> None:
-        if self._count % self._stride == 0:
-            self._stamps[self._used] = stamp
-            self._lengths[self._used] = self.length
-            self._positions[self._used] = position
-            self._used += 1
-        self._count += 1
-        if self._used > self._capacity:
-            kept = (self._used + 1) // 2
-            for values in (self._stamps, self._lengths, self._positions):
-                values[:kept] = values[: self._used : 2].copy()
-            self._used = kept
-            self._stride *= 2
+    def _keep(self, stamps: Stamps, lengths: Array, positions: Array) -> None:
+        """Keep one in so many of the next points (n,), and fewer of all where they are too many."""
+        begin = 0
+        while begin < len(stamps):
+            first = begin + -self._count % self._stride
+            room = self._capacity + 1 - self._used
+            some = slice(first, first + room * self._stride, self._stride)
+            end = self._used + len(stamps[some])
+            for known, new in zip(self._kept, (stamps, lengths, positions), strict=True):
+                known[self._used : end] = new[some]
+            self._used = end
+            taken = len(stamps)
+            if end > self._capacity:
+                taken = min(first + (room - 1) * self._stride + 1, taken)
+                self._used = (end + 1) // 2
+                for known in self._kept:
+                    known[: self._used] = known[:end:2].copy()
+            self._count += taken - begin
+            begin = taken
+            if end > self._capacity:
+                self._stride *= 2
+
+    @property
+    def _kept(self) -> tuple[npt.NDArray[Any], ...]:
+        return self._stamps, self._lengths, self._positions
 
     def way(self) -> Way:
         """The way so far, with the newest point."""
@@ -84,6 +100,31 @@ class Odometer:
             lengths = np.append(lengths, self.length)
             positions = np.concatenate([positions, [self._last[1]]])
         return Way(stamps, lengths, positions)
+
+
+def _steps(positions: Array, step: float, anchor: Array) -> tuple[Stamps, Array]:
+    """Which of ``positions`` (n, 3) are further than ``step`` from the one before, and how far.
+
+    At first from the ``anchor`` (3,), which moves on.
+    """
+    chosen, away = np.empty(len(positions), dtype=np.int64), np.empty(len(positions))
+    count = np.empty(1, dtype=np.int64)
+    loops.call("thinned_by_distance", positions, len(positions), step, anchor, chosen, away, count)
+    return chosen[: count[0]], away[: count[0]]
+
+
+def _steps_in_numpy(positions: Array, step: float, anchor: Array) -> tuple[Stamps, Array]:
+    """The same, one after the other: how far a sample is depends on where the last step ended."""
+    chosen, away = [], []
+    x, y, z = anchor.tolist()
+    for number, (u, v, w) in enumerate(positions.tolist()):
+        distance = math.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
+        if distance > step:
+            chosen.append(number)
+            away.append(distance)
+            x, y, z = u, v, w
+    anchor[:] = x, y, z
+    return np.array(chosen, dtype=np.int64), np.array(away)
 
 
 class Way(NamedTuple):
