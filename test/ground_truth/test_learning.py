@@ -229,3 +229,15 @@ def test_samples_that_show_their_noise_are_believed(noise):
     found = learn(MODELS["matern52"], drawn(30.0, noise, count=60), 1e-6, 5e-3)
     assert found is not None
     assert 0.5 * noise < np.exp(found.theta[-1]) < 3.0 * noise
+
+
+@pytest.mark.parametrize("accuracy", [1e-5, 1e-4])
+def test_round_off_brings_no_noise_that_the_instrument_does_not_have(accuracy):
+    times = 0.025 * np.arange(48)
+    found = []
+    for phase in np.arange(8.0):
+        values = 8.0 * np.sin(times[:, None] * [0.9, 1.1, 1.3] + phase).round(7)
+        found.append(Record(times, values - values[0], np.zeros(len(times))))
+    learned = learn(MODELS["matern52"], found, accuracy, 2e-3)
+    noise = learned.under(USUAL).noise_std
+    assert noise < 1.5 * accuracy

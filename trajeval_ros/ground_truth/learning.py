@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import loops
+from trajeval_ros.ground_truth.hyperparameters import LEAST_NOISE
 from trajeval_ros.ground_truth.likelihood import Likelihood, Record
 from trajeval_ros.ground_truth.models import Grid, Model
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime, natural_in
@@ -46,6 +47,8 @@ _NOISES = (-2, 2, 4)
 _CLEARLY = 10.0
 # They are looked for where a segment's mean square, standardised, is off one by more than this.
 _MISFIT = 3.0
+# So many times what the samples are spread by a σ may be in any case.
+_SPREADS = 3.0
 # The regimes are looked for with what the search found, and the search is made anew, so often.
 _ROUNDS = 2
 
@@ -228,6 +231,10 @@ def learn(
     grid = Grid.of([r.times for r in records], [r.values for r in records], accuracy, soft_limit)
     floored = [_floored(record, accuracy) for record in records]
     bounds = np.array(model.bounds(grid))
+    # Slow motion is as well described by a smaller σ and a shorter length scale, and a larger one
+    # would bring noise with it, for round-off, that the instrument does not have.
+    largest = math.log(max(_SPREADS * grid.spread, accuracy / LEAST_NOISE))
+    bounds[:-1:2, 1] = np.minimum(bounds[:-1:2, 1], largest)
     if moving:
         starts = model.starts(grid) if before is None else [before]
         starts = [np.clip(start, *bounds.T) for start in starts]
