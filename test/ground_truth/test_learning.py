@@ -241,3 +241,32 @@ def test_round_off_brings_no_noise_that_the_instrument_does_not_have(accuracy):
     learned = learn(MODELS["matern52"], found, accuracy, 2e-3)
     noise = learned.under(USUAL).noise_std
     assert noise < 1.5 * accuracy
+
+
+def boat(noise, seed=2):
+    """Thirteen segments of a boat in a swell of ten seconds, at 5 Hz, in three coordinates."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(13):
+        times = np.arange(14) * 0.2
+        phase, size = rng.uniform(0.0, 6.3, 3), rng.uniform(0.4, 1.0, 3)
+        moved = times[:, None] * [5.0, 0.3, 0.0] + size * np.sin(0.63 * times[:, None] + phase)
+        values = moved + rng.normal(0.0, noise, moved.shape)
+        found.append(Record(times, values - values[0], np.zeros(len(times))))
+    return found
+
+
+@pytest.mark.parametrize("noise", [2e-2, 5e-4])
+def test_noise_that_was_taken_for_rough_motion_is_found_again(noise):
+    model, data = MODELS["matern52"], boat(noise)
+    grid = grid_of(data)
+    rough = max(  # the noise as usual
+        (np.array([*start[:-1], np.log(2e-3)]) for start in model.starts(grid)),
+        key=Posterior(model, grid, data).value,
+    )
+    bounds = np.array(model.bounds(grid))
+    bounds[-1, 1] = np.log(2.5e-3)
+    before = maximum(Posterior(model, grid, data), np.clip(rough, *bounds.T), bounds).theta
+    learned = learn(model, data, 1e-5, 2e-3, before)
+    found = np.exp(learned.theta[-1])
+    assert (0.7 * noise < found < 1.4 * noise) if noise > 2e-3 else (found < 2.1e-3)

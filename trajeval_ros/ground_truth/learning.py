@@ -45,6 +45,9 @@ _DECIMALS = 3
 _MOTIONS = (0, *range(-16, -2, 2), 3, 5)
 _NOISES = (-2, 2, 4)
 _CLEARLY = 10.0
+# Noise is sought that is so much larger (of its logarithm) than what was found, by differences of
+# the samples up to this order, where the first ones are so many times as large.
+_LOUDER, _ORDERS, _RESOLVED = 0.7, 4, 5.0
 # They are looked for where a segment's mean square, standardised, is off one by more than this.
 _MISFIT = 3.0
 # So many times what the samples are spread by a σ may be in any case.
@@ -102,6 +105,7 @@ class Posterior:
         """Take at least one record; without ``regimes``, all in the usual one."""
         self._model = model
         self._grid = grid
+        self.data = records
         each = regimes or [USUAL] * len(records)
         self._regimes = sorted(set(each))
         sets = [self._regimes.index(regime) for regime in each]
@@ -240,13 +244,15 @@ def learn(
         starts = [np.clip(start, *bounds.T) for start in starts]
     else:
         common = model.common(grid)
-        common[-1] = math.log(max(_differences(records), math.exp(bounds[-1, 0])))
+        common[-1] = math.log(max(_differences(records, 1)[0], math.exp(bounds[-1, 0])))
         bounds[:-1] = common[:-1, None]
         bounds[-1, 1] = max(bounds[-1, 1], common[-1] + 1.0)
         starts = [common]
     point, regimes = _searched(model, grid, floored, starts, bounds)
     if not math.isfinite(point.value):
         return None
+    if before is not None:
+        point = _noisier(model, grid, Posterior(model, grid, floored, regimes), point, bounds)
     theta = np.clip(point.theta.round(_DECIMALS), *bounds.T)
     known = list(zip(compress(neighbours, enough), regimes, strict=False))
     close = [_floored(record, accuracy) for record, _ in known if record is not None]
@@ -258,6 +264,25 @@ def learn(
 
 def _floored(record: Record, accuracy: float) -> Record:
     return Record(record.times, record.values, record.variances + accuracy**2)
+
+
+def _noisier(model: Model, grid: Grid, records: Posterior, point: Found, bounds: Array) -> Found:
+    """Where the search ends, or far above where noise larger than usual is clearly more probable.
+
+    A few segments may take such noise for rough motion, and near what they taught the noise is not
+    found again. White noise is no larger than the samples' differences of any order say; motion
+    that samples do not resolve looks like it, in differences of every order.
+    """
+    first, *higher = _differences(records.data, _ORDERS)
+    most = max(min([first, *higher]), math.exp(bounds[-1, 0]))
+    least = max(math.log(grid.soft_limit), point.theta[-1] + _LOUDER)
+    if first < _RESOLVED * most or math.log(most) <= least:
+        return point
+    starts = [np.clip([*start[:-1], math.log(most)], *bounds.T) for start in model.starts(grid)]
+    start = max(starts, key=records.value)
+    found = maximum(records, start, bounds)
+    is_better = found.theta[-1] > least and found.value > point.value + _CLEARLY
+    return found if is_better else point
 
 
 def _cleaner(model: Model, grid: Grid, neighbours: Posterior, theta: Array, bounds: Array) -> Array:
@@ -308,10 +333,15 @@ def _searched(
     return best, regimes
 
 
-def _differences(records: Sequence[Record]) -> float:
-    """The white noise that explains what neighbouring samples differ by."""
-    squares = np.concatenate([np.diff(r.values, axis=0).ravel() ** 2 for r in records])
-    return math.sqrt(0.5 * float(np.mean(squares)))
+def _differences(records: Sequence[Record], orders: int) -> list[float]:
+    """The white noise that explains the samples' differences of each order from the first on."""
+    orders = min(orders, max(len(record.times) for record in records) - 1)
+    found = []
+    for order in range(1, orders + 1):
+        differences = np.concatenate([np.diff(r.values, order, axis=0).ravel() for r in records])
+        square = float(np.mean(differences**2)) / math.comb(2 * order, order)
+        found.append(math.sqrt(square))
+    return found
 
 
 def _regimes(model: Model, grid: Grid, records: Sequence[Record], theta: Array) -> list[Regime]:
