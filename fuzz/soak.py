@@ -3,8 +3,8 @@
 """``python -m fuzz.soak --hours H``: that many hours of stamps through the node's session at speed.
 
 Rest and motion in turn, silences, messages that cannot be read, a clock that jumps back, an output
-folder that is gone and back, a disk that is full. Memory and cost a message are held to be flat,
-accounts to be exact.
+folder that is gone and back, a disk that is full. Error models are fitted and likely causes looked
+for as by the node. Memory and cost a message are held to be flat, accounts to be exact.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from trajeval_ros.commands.console import Progress
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.online.parameters import complete
 from trajeval_ros.online.samples import PoseSamples
+from trajeval_ros.online.track import Track
 from trajeval_ros.runs.session import Session
 
 Array = npt.NDArray[np.float64]
@@ -46,16 +47,31 @@ _STDS = (2e-3, 1e-2)
 _JUMPS = (0.05, 0.10, 0.60)
 _LOSSES = (0.12, 0.85)
 _MB = 1 << 20
+# Of the state, of which every byte is counted, no more is slack.
+_KB = 1 << 10
+# Every so many chunks: the node looks as often for causes, and fits its window less often.
+_SEARCH, _WINDOW = 6, 30
+_MEASURED = 30
+"""How often a tenth's memory is measured."""
 
 
 @dataclass
 class Tenth:
-    """What a tenth of the run took; memory in bytes, the largest seen in it."""
+    """What a tenth of the run took; memory in bytes, the largest seen in it.
+
+    parts: of each part of the state. They grow and shrink each in its own time, so that what they
+    have together is at its largest when chance has it; their largest sizes together are not.
+    """
 
     messages: int = 0
     cpu: float = 0.0
     resident: int = 0
-    state: int = 0
+    parts: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def state(self) -> int:
+        """The largest sizes of all parts together."""
+        return sum(self.parts.values())
 
     @property
     def cost(self) -> float:
@@ -111,6 +127,10 @@ class Soak:
             self.session.note_undecodable(0, 1)
             self.session.note_undecodable(1, 1)
         self.session.advance(START + round(self.begin * SECOND))
+        while (fit := self.session.fit_due(of_window=number % _WINDOW == 0)) is not None:
+            fit.at_once()
+        if number % _SEARCH == 0:
+            self.session.look_for_causes()
         figures = self.session.figures()
         tenth.cpu += time.process_time() - begin
         tenth.messages += sum(counts)
@@ -180,7 +200,35 @@ class Soak:
             libc.malloc_trim(0)
         resident = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
         tenth.resident = max(tenth.resident, resident * os.sysconf("SC_PAGE_SIZE"))
-        tenth.state = max(tenth.state, len(pickle.dumps(self.session.engine)))
+        for name, size in sizes(self.session):
+            tenth.parts[name] = max(tenth.parts.get(name, 0), size)
+
+
+def sizes(session: Session) -> Iterator[tuple[str, int]]:
+    """What a session's parts hold, each with its name, pickled, in bytes."""
+    for name, record in session._records.items():
+        yield from _sizes(f"{name}.report", record.report)
+        yield from _sizes(f"{name}.models", record.models)
+    yield from _sizes("engine", session.engine)
+
+
+def _sizes(name: str, thing: Any) -> Iterator[tuple[str, int]]:
+    """Of what a thing of the package's owns, and of that; the estimates share a ground truth."""
+    if isinstance(thing, dict) and any(map(_owns, thing.values())):
+        parts = {f"{name}.{key}": each for key, each in thing.items()}
+    elif _owns(thing):
+        shared = ("_reference", "_ground_truth") if isinstance(thing, Track) else ()
+        parts = {f"{name}.{key}": each for key, each in vars(thing).items() if key not in shared}
+    else:
+        yield name, len(pickle.dumps(thing))
+        return
+    for part, each in parts.items():
+        yield from _sizes(part, each)
+
+
+def _owns(thing: Any) -> bool:
+    """Whether it is of the package's, and changes."""
+    return type(thing).__module__.startswith("trajeval_ros.") and hasattr(thing, "__dict__")
 
 
 def run(hours: float, folder: Path, rates: tuple[float, float] = (20.0, 2.0)) -> list[Tenth]:
@@ -189,7 +237,7 @@ def run(hours: float, folder: Path, rates: tuple[float, float] = (20.0, 2.0)) ->
     soak = Soak(folder / "output", rates, np.random.default_rng(1))
     tenths = [Tenth() for _ in range(10)]
     jumps, losses = ({round(share * count) for share in shares} for shares in (_JUMPS, _LOSSES))
-    every = max(count // 30, 1)
+    every = max(count // (10 * _MEASURED), 1)
     progress = Progress("soaking", count, "chunks")
     for number in range(count):
         tenth = tenths[10 * number // count]
@@ -216,10 +264,13 @@ def judge(tenths: Sequence[Tenth]) -> list[str]:
     """Return what is not flat between the second tenth and the last."""
     early, late = tenths[1], tenths[-1]
     wrong = []
-    for name, slack in (("resident", _MB), ("state", _MB)):
+    for name, slack in (("resident", _MB), ("state", 64 * _KB)):
         before, after = getattr(early, name), getattr(late, name)
         if after > 1.01 * before + slack:
             wrong.append(f"{name} memory grew from {before / _MB:.1f} to {after / _MB:.1f} MB")
+    if late.state > 1.01 * early.state + 64 * _KB:
+        part = max(late.parts, key=lambda each: late.parts[each] - early.parts.get(each, 0))
+        wrong[-1] += f", most of all {part}"
     if late.cost > 1.5 * early.cost:
         wrong.append(f"a message's cost grew {late.cost / early.cost:.2f} times")
     return wrong
@@ -227,7 +278,7 @@ def judge(tenths: Sequence[Tenth]) -> list[str]:
 
 def table(tenths: Sequence[Tenth]) -> str:
     """What each tenth took."""
-    rows = [f"{'tenth':>6}{'messages':>11}{'us/message':>12}{'resident MB':>13}{'engine kB':>11}"]
+    rows = [f"{'tenth':>6}{'messages':>11}{'us/message':>12}{'resident MB':>13}{'state kB':>11}"]
     for number, tenth in enumerate(tenths, start=1):
         figures = f"{1e6 * tenth.cost:12.1f}{tenth.resident / _MB:13.1f}{tenth.state / 1024:11.0f}"
         rows.append(f"{number:6}{tenth.messages:11,}{figures}")

@@ -510,7 +510,14 @@ def test_the_clock_that_was_set_wrongly_is_found_and_applied(
 
     applied = evaluate(*wrong, "--apply", "clock_offset,extrinsic", "--output", tmp_path / "right")
     assert applied.returncode == 0, applied.stderr
-    assert "Applied       clock_offset, extrinsic: ATE " in applied.stdout
+    assert "Applied       clock_offset: ATE " in applied.stdout
+    # What is within doubt is none of the estimate's faults that were found, and stays.
+    assert "extrinsic, within doubt, left as it was" in " ".join(applied.stdout.split())
+    figures = [
+        json.loads((tmp_path / name / "summary.json").read_text()) for name in ("wrong", "right")
+    ]
+    pose = [each["parameters"]["extrinsic"] for each in figures]
+    assert pose[0] == pose[1]
     again = json.loads((tmp_path / "right" / "summary.json").read_text())["error_model"]
     # A search that begins elsewhere may weigh outliers differently.
     assert abs(again["clock_offset"]["value"]) < 0.5 * again["clock_offset"]["std"]

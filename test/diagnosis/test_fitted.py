@@ -11,6 +11,7 @@ from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
 from trajeval_ros import se3
 from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.fitted import (
+    beyond_doubt,
     disagree,
     fitted_causes,
     is_misread,
@@ -115,6 +116,25 @@ def test_a_size_is_known_along_itself_with_what_its_components_share():
     assert "lever arm 100.0 ± 2.8 mm" in dict(leading(model))["Not its fault"]
     (cause,) = (c for c in fitted_causes(model, "se3", 0.0, NONE) if c.code == "body_frame")
     assert "a lever arm of 100.0 ± 2.8 mm" in cause.text
+
+
+def test_what_is_beyond_doubt_does_not_hang_on_the_axes_and_no_size_within_doubt_has_a_std():
+    """Of 4.6 standard deviations of nothing, one number has a chance of 4e-6, a length of 1e-4."""
+    std, turns = np.radians(0.05), se3.exp_so3(np.array([0.3, -0.8, 0.5]))
+    stds = [1e-4, 1e-5, *[0.01] * 3, *[std] * 3, 1e-3]
+    for size, beyond in ((4.6, False), (5.0, True)):
+        for direction in (np.array([1.0, 0.0, 0.0]), turns[:, 0], turns[:, 1]):
+            model = mounted(np.zeros(3), size * std * direction, np.diag(np.square(stds)))
+            angle = model["extrinsic"]["angle"]
+            assert angle["value"] / angle["std"] == pytest.approx(size)
+            assert model["extrinsic"]["angle_nats"] == pytest.approx(0.5 * size**2)
+            assert ("mounting" in beyond_doubt(model)) == beyond
+            faults = dict(leading(model))["Not its fault"]
+            if beyond:
+                assert faults.startswith("mounting 0.250 ± 0.050 deg: ")
+            else:
+                # 0.23 and 1.96 times 0.05 degrees.
+                assert "lever arm < 20 mm, mounting < 0.33 deg" in faults
 
 
 @pytest.mark.parametrize(

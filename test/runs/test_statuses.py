@@ -34,7 +34,9 @@ def model(kind: str, std: float | None = 0.001) -> dict[str, Any]:
             "translation": {"value": [0.1, 0.0, -0.2], "std": [0.01, 0.02, 0.03]},
             "rotation": {"value": [0.0, 0.3, 0.0], "std": [0.01, 0.02, 0.03]},
             "length": figure(0.22, 0.02),
+            "length_nats": 60.5,
             "angle": figure(0.3, 0.02),
+            "angle_nats": 112.5,
             "pose": [0.0] * 7,
         },
         "scale": figure(1.01, 0.002),
@@ -75,7 +77,7 @@ def test_what_the_status_has_comes_back(kind: str, std: float | None) -> None:
         after = found[part]
         for name in ("translation", "rotation", "clock_offset", "clock_offset_by", "scale"):
             assert after[name] == before[name]
-        for group in ("translation", "rotation", "length", "angle"):
+        for group in ("translation", "rotation", "length", "length_nats", "angle", "angle_nats"):
             assert after["extrinsic"][group] == before["extrinsic"][group]
         assert after["model"] == before["model"]
         assert after["chi2_per_dof"] == 1.0

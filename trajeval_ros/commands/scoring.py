@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from trajeval_ros.commands.baseline import Baseline, Judgement
     from trajeval_ros.commands.exports import Exports
     from trajeval_ros.comparison.compare import Comparison
+    from trajeval_ros.runs.corrections import Corrected
 
 
 class Outcome(NamedTuple):
@@ -76,9 +77,14 @@ def score(
     the report of all.
     """
     before: Mapping[str, Scored] = {}
+    corrections: Mapping[str, Corrected] = {}
     if apply:
         before = _found(data, parameters, _records(data, parameters))
-        data, parameters = _corrected(data, parameters, before, apply)
+        corrections = _corrections(data, parameters, before, apply)
+        right = tuple(each.estimate for each in corrections.values())
+        data = replace(data, estimates=right)
+        for each in corrections.values():
+            parameters = {**parameters, **each.changed}
     if align_origin:
         parameters = {**parameters, "gauge": "none"}
         first = _found(data, parameters, _records(data, parameters))
@@ -114,7 +120,7 @@ def score(
     for number, (name, run) in enumerate(runs.items()):
         if number or data.remarks:
             print()
-        run.say(found[name], before.get(name), apply)
+        run.say(found[name], before.get(name), corrections.get(name))
         failures += dict.fromkeys(run.failures.values())
     everything.say(found, output)
     for line in () if exports is None else exports.written:
@@ -230,13 +236,13 @@ def _found(
         return offline.score(parameters, data.ground_truth, scorings, progress.update, describe)
 
 
-def _corrected(
+def _corrections(
     data: Inputs, parameters: Mapping[str, Value], found: Mapping[str, Scored], what: Sequence[str]
-) -> tuple[Inputs, dict[str, Value]]:
-    """The inputs and parameters with what the error models have found set."""
+) -> dict[str, Corrected]:
+    """The estimates with what the error models have found put right."""
     from trajeval_ros.runs.corrections import corrected
 
-    values, estimates = dict(parameters), []
+    corrections = {}
     settings = settings_of(parameters, data.names).estimates
     for name, estimate in zip(data.names, data.estimates, strict=True):
         model = found[name].summary.get("error_model")
@@ -248,9 +254,8 @@ def _corrected(
         if missing:
             # Of positions alone there is no scale.
             raise CommandError(f"--apply: the error model has no {' and no '.join(missing)}")
-        right, values = corrected(estimate, name, settings[name], values, model, what)
-        estimates.append(right)
-    return replace(data, estimates=tuple(estimates)), values
+        corrections[name] = corrected(estimate, name, settings[name], parameters, model, what)
+    return corrections
 
 
 def _aligned_at_the_origin(
@@ -341,10 +346,10 @@ class _Run:
         except OutputError as error:
             self.failures = error.failures or dict.fromkeys(FILES, str(error))
 
-    def say(self, scored: Scored, before: Scored | None, applied: Sequence[str]) -> None:
+    def say(self, scored: Scored, before: Scored | None, correction: Corrected | None) -> None:
         """Print the figures and what there is to say of them.
 
-        ``before`` what was ``applied``, if anything was.
+        ``before`` the ``correction``, if there was one.
         """
         report = self.scoring.report
         title = f"{self._title}{self._sources['estimate']} against {self._sources['ground truth']}"
@@ -364,8 +369,9 @@ class _Run:
         if share is not None:
             print(f"warning: {share}\n")
         lines = answers.first_lines(scored.summary, self._parameters)
-        earlier = None if before is None else before.summary
-        lines += answers.applied_lines(earlier, scored.summary, tuple(applied))
+        if before is not None and correction is not None:
+            names = correction.applied, correction.doubted
+            lines.append(answers.applied_line(before.summary, scored.summary, *names))
         print("\n".join([*console.wrapped(lines, 14), ""] if lines else []))
         lines = figures.summary_lines(scored.summary, self._parameters)
         console.say(lines, indent=14)

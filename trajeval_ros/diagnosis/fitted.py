@@ -22,6 +22,8 @@ from trajeval_ros.error_model.nuisances import NAMES, OBSERVED_STD
 GAIN = 10.0
 """Nats that a nuisance gains beyond doubt: 4.5 standard deviations, a chance of 7e-6, of nine."""
 
+# A vector of three gains so much as rarely as one of three numbers gains `GAIN`, whatever its axes.
+_GAIN_OF_THREE = 12.1
 # So many standard deviations are beyond doubt; of two offsets of the clock, of the difference.
 _APART = math.sqrt(2.0 * GAIN)
 # s, m, rad, 1: below, nobody sets anything.
@@ -78,22 +80,27 @@ def is_misread(codes: Iterable[str]) -> bool:
 
 
 def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
-    """Which of clock, clock rate, lever arm, mounting and scale differ from nothing.
+    """Which of clock, clock rate, lever arm, mounting and scale, as far as there, are not nothing.
 
-    By 4.5 standard deviations, a vector in one of its three components.
+    By 4.5 standard deviations; lever arm and mounting by what is as rare of three components
+    together, since of nothing a length is 1.6 standard deviations already.
     """
-    pairs: dict[str, tuple[Sequence[float], Sequence[float]]] = {
-        "clock": ([model["clock_offset"]["value"]], [model["clock_offset"]["std"]]),
-        "clock rate": ([model["clock_rate"]["value"]], [model["clock_rate"]["std"]]),
-        "lever arm": _of(model["extrinsic"]["translation"]),
-        "mounting": _of(model["extrinsic"]["rotation"]),
-        "scale": ([model["scale"]["value"] - 1.0], [model["scale"]["std"]]),
-    }
-    return tuple(
-        name
-        for name, (values, stds) in pairs.items()
-        if any(abs(value) > _APART * std for value, std in zip(values, stds, strict=True))
-    )
+
+    def number(name: str, nothing: float = 0.0) -> bool:
+        return bool(abs(model[name]["value"] - nothing) > _APART * model[name]["std"])
+
+    if "rotation" not in model["extrinsic"]:  # against positions alone
+        arm = lever_arm_is_beyond_doubt(model["extrinsic"]["translation"])
+        told = {"clock": number("clock_offset"), "lever arm": arm}
+    else:
+        told = {
+            "clock": number("clock_offset"),
+            "clock rate": number("clock_rate"),
+            "lever arm": model["extrinsic"]["length_nats"] > _GAIN_OF_THREE,
+            "mounting": model["extrinsic"]["angle_nats"] > _GAIN_OF_THREE,
+            "scale": number("scale", 1.0),
+        }
+    return tuple(name for name, beyond in told.items() if beyond)
 
 
 def digits_of(std: float, most: int) -> int:
@@ -180,11 +187,6 @@ def disagree(model: Mapping[str, Any]) -> bool:
     return bool(apart > _APART * math.hypot(first["std"], second["std"]) and apart > _SHORTEST)
 
 
-def gain(value: Array, covariance: Array) -> float:
-    """Nats that values (n,) gain over none, to second order."""
-    return 0.5 * float(value @ np.linalg.solve(covariance, value))
-
-
 def clock_causes(model: Mapping[str, Any], applied: float) -> tuple[Cause, ...]:
     """Return what the error model says of the clock; ``applied``: s, the offset set already."""
     value, std = model["clock_offset"]["value"], model["clock_offset"]["std"]
@@ -265,20 +267,18 @@ def _scattered_stamps(model: Mapping[str, Any]) -> tuple[Cause, ...]:
 
 def _body_frame(model: Mapping[str, Any], applied: Array) -> tuple[Cause, ...]:
     """What of lever arm and turn is beyond doubt, and the pose that has that and no more."""
-    covariance, extrinsic = np.array(model["covariance"]), model["extrinsic"]
+    extrinsic = model["extrinsic"]
     pose = np.array(extrinsic["pose"])
     to_set, doubtless, found = np.array([*np.zeros(6), 1.0]), beyond_doubt(model), []
-    # Each in the covariance of the nuisances, and in the pose.
-    arm = "translation", "length", slice(2, 5), slice(3)
-    turn = "rotation", "angle", slice(5, 8), slice(3, 7)
-    for title, name, (part, size_of, of, into), least, factor, unit, seen in (
+    arm, turn = ("length", slice(3)), ("angle", slice(3, 7))  # and where in the pose it is
+    for title, name, (size_of, into), least, factor, unit, seen in (
         ("lever arm", "lever arm", arm, _NEAREST, 1e3, "mm", _SEEN["x"]),
         ("mounting", "turn", turn, _LEAST_TURN, math.degrees(1.0), "degrees", _SEEN["yaw"]),
     ):
         figure = extrinsic[size_of]
         if title not in doubtless or figure["value"] < least or figure["std"] > seen:
             continue
-        gained = gain(np.array(extrinsic[part]["value"]), covariance[of, of])
+        gained = extrinsic[f"{size_of}_nats"]
         size, std = factor * figure["value"], factor * figure["std"]
         digits = digits_of(std, 4)
         found.append(

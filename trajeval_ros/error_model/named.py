@@ -49,7 +49,9 @@ def named(model: ErrorModel) -> Figures:
             "translation": {"value": position.tolist(), "std": std[2:5].tolist()},
             "rotation": {"value": step[3:].tolist(), "std": std[5:8].tolist()},
             "length": _length(position, model.covariance[2:5, 2:5]),
+            "length_nats": _gain(position, model.covariance[2:5, 2:5]),
             "angle": _length(step[3:], model.covariance[5:8, 5:8]),
+            "angle_nats": _gain(step[3:], model.covariance[5:8, 5:8]),
             "pose": [*position.tolist(), *quaternion.tolist()],
         },
         "scale": {"value": nuisances.scale, "std": float(std[8] * nuisances.scale)},
@@ -96,6 +98,11 @@ def _length(vector: Array, covariance: Array) -> Figures:
         return {"value": size, "std": float(np.sqrt(np.diagonal(covariance).max()))}
     along = vector / size
     return {"value": size, "std": float(np.sqrt(along @ covariance @ along))}
+
+
+def _gain(vector: Array, covariance: Array) -> float:
+    """Nats that a vector, (3,), gains over none, to second order: the same in all axes."""
+    return 0.5 * float(vector @ np.linalg.solve(covariance, vector))
 
 
 def _figure(figure: Figure) -> Figures:

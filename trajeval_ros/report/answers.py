@@ -53,6 +53,11 @@ SHORT = 0.5
 _MANY = 1000.0
 
 
+def _two_digits(value: float) -> str:
+    text = f"{value:.2g}"
+    return f"{float(text):,.0f}" if "e+" in text else text
+
+
 def _number(
     value: float, std: float | None, factor: float = 1.0, interval: list[float | None] | None = None
 ) -> str:
@@ -62,7 +67,7 @@ def _number(
     """
     value *= factor
     if interval is not None:
-        low, high = (None if end is None else f"{end * factor:.2g}" for end in interval)
+        low, high = (None if end is None else _two_digits(end * factor) for end in interval)
         if high is None or low is None:
             return f"> {low or f'{value:.2g}'}"
         return f"{low} to {high}" if interval[0] else f"< {high}"
@@ -239,9 +244,13 @@ def _kind(model: Figures) -> str:
 def _bounded(figure: Figures) -> Figures:
     """A size that is less than its standard deviation, as its 95 % bound, where it has none yet."""
     value, std = figure["value"], figure["std"]
-    if std is None or value >= std:
-        return figure
-    return {**figure, "interval": figure.get("interval") or [0.0, value + _BOUND * std]}
+    return figure if std is None or value >= std else _within(figure)
+
+
+def _within(figure: Figures) -> Figures:
+    """What a size is at most: its 95 % bound."""
+    bound = figure["value"] + _BOUND * figure["std"]
+    return {**figure, "interval": figure.get("interval") or [0.0, bound]}
 
 
 def _wander(part: Figures, sized: Callable[..., str]) -> str:
@@ -263,7 +272,12 @@ def _kind_of_positions(kind: str, translation: Figures) -> str:
 def _faults(model: Figures, without: Figures | None) -> str:
     """What is there beyond doubt, and within what there is none of the rest."""
     clock, rate, scale = model["clock_offset"], model["clock_rate"], model["scale"]
-    arm, mounting = (model["extrinsic"][name] for name in ("length", "angle"))
+    doubtless = beyond_doubt(model)
+    # Within doubt a length is no estimate: of nothing it is 1.6 standard deviations.
+    arm, mounting = (
+        model["extrinsic"][size] if name in doubtless else _within(model["extrinsic"][size])
+        for name, size in (("lever arm", "length"), ("mounting", "angle"))
+    )
     shown = {
         "clock": (clock["std"], "clock_offset", f"{_number(**clock, factor=1e3)} ms"),
         "clock rate": (rate["std"], "clock_rate", f"{_number(**rate, factor=1e6)} ppm"),
@@ -271,7 +285,6 @@ def _faults(model: Figures, without: Figures | None) -> str:
         "mounting": (max(model["extrinsic"]["rotation"]["std"]), "roll", _angle(mounting)),
         "scale": (scale["std"], "scale", _number(**scale)),
     }
-    doubtless = beyond_doubt(model)
     found = [f"{name} {shown[name][2]}" for name in doubtless]
     none = [
         f"{name} {text}"
@@ -401,10 +414,16 @@ def _correlated(model: Figures) -> list[tuple[str, str]]:
     return [("Doubt", text)]
 
 
-def applied_lines(before: Figures | None, after: Figures, names: tuple[str, ...]) -> list[str]:
-    """What an evaluation with corrections changed; none without any."""
-    if before is None:
-        return []
+def applied_line(
+    before: Figures, after: Figures, names: Sequence[str], doubted: Sequence[str]
+) -> str:
+    """What an evaluation with corrections changed.
+
+    ``names``: of what was set; ``doubted``: of what was to be, and is within doubt.
+    """
+    left = f"{' and '.join(doubted)}, within doubt, left as it was" if doubted else ""
+    if not names:
+        return f"Applied       nothing: {left}"
     changes = []
     for name, part, factor, unit in (
         ("ATE", "translation", 1.0, "m"),
@@ -417,4 +436,5 @@ def applied_lines(before: Figures | None, after: Figures, names: tuple[str, ...]
         if None not in errors:
             old, new = (factor * error for error in errors)
             changes.append(f"{name} {old:.4g} to {new:.4g} {unit}")
-    return [f"Applied       {', '.join(names)}: {', '.join(changes)}"]
+    line = f"Applied       {', '.join(names)}: {', '.join(changes)}"
+    return f"{line}; {left}" if left else line

@@ -9,13 +9,12 @@ alignment that is ATE's.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
 from trajeval_ros.comparison.common import Evaluated
 from trajeval_ros.comparison.errors import Errors, errors_of, steps
 from trajeval_ros.comparison.interval import interval_of
@@ -29,6 +28,7 @@ from trajeval_ros.diagnosis.fitted import (
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
+from trajeval_ros.runs.corrections import extrinsic_of
 from trajeval_ros.runs.error_models import poses_of
 
 Array = npt.NDArray[np.float64]
@@ -182,19 +182,11 @@ def _figures(running: RunningConventional) -> Figures:
     }
 
 
-def _nuisances(model: Mapping[str, Any], names: Iterable[str]) -> Nuisances:
+def _nuisances(model: Mapping[str, Any], names: Collection[str]) -> Nuisances:
     """Those of the model that are named, and nothing of the others."""
-    extrinsic = np.eye(4)
-    if "mounting" in names:
-        pose = np.array(model["extrinsic"]["pose"])
-        extrinsic = se3.from_position_quaternion(pose[:3], pose[3:])
-    if "lever arm" in names:
-        extrinsic[:3, 3] = model["extrinsic"]["translation"]["value"]
-    else:
-        extrinsic[:3, 3] = 0.0
     return Nuisances(
         model["clock_offset"]["value"] if "clock" in names else 0.0,
         model["clock_rate"]["value"] if "clock rate" in names else 0.0,
-        extrinsic,
+        extrinsic_of(model, names),
         model["scale"]["value"] if "scale" in names else 1.0,
     )
