@@ -175,6 +175,48 @@ def test_a_moved_origin_is_named_and_does_not_rule(shift, turn, size):
     assert summary["relative"]["chi2_per_dof"] < 10.0
 
 
+def put_back(rng, times, poses):
+    """As a simulation is reset: every fifteen seconds the body is where it began."""
+    episode = (times // 15.0).astype(int)
+    first = np.searchsorted(times, 15.0 * episode)
+    return poses[0] @ se3.inverse(poses[first]) @ poses
+
+
+@pytest.mark.parametrize("rate", [5, 50])
+def test_a_body_that_is_put_back_where_it_began_is_left_there(rate):
+    rng = np.random.default_rng(3)
+    profile = Profile(rng, ("drive", 60))
+    times = times_of(profile, rate)
+    poses = noisy(rng, put_back(rng, times, profile.at(times)), 2e-3, 0.1 * DEGREE)
+    summary, _, _ = run(samples(times, poses), samples(times, poses))
+    (found,) = summary["ground_truth"]["faults"]
+    assert (found["code"], found["count"]) == ("put_back", 3)
+    assert [round((stamp - START) / SECOND) for stamp in found["stamps"]] == [15, 30, 45]
+    assert summary["conventional"]["ate_translation_rmse"] < np.sqrt(3.0) * 2e-3
+    assert summary["relative"]["chi2_per_dof"] < 2.0
+
+
+def test_an_origin_that_moves_away_and_back_is_where_it_was():
+    away = moved_from(20.0, [0.5, 0.3, 0.0], 0.3)
+
+    def fault(rng, times, poses):
+        return np.where((times > 30.0)[:, None, None], poses, away(rng, times, poses))
+
+    rng = np.random.default_rng(5)
+    profile = Profile(rng, ("rest", 60), ("drive", 20))
+    times = times_of(profile, 20)
+    poses = fault(rng, times, noisy(rng, profile.at(times), 2e-3, 0.1 * DEGREE))
+    asked = np.arange(1.0, 79.0, 0.05) + 0.0013
+    summary, stamps, found = run(samples(times, poses), samples(asked, profile.at(asked)))
+    faults = summary["ground_truth"]["faults"]
+    assert [(fault["code"], fault["count"]) for fault in faults] == [
+        ("origin_jump", 1),
+        ("put_back", 1),
+    ]
+    late = stamps > START + 31 * SECOND
+    assert errors(profile, stamps[late], found[late])[0] < 5e-3
+
+
 def test_of_a_fast_body_a_jump_is_less_than_a_step():
     rng = np.random.default_rng(3)
     profile = Profile(rng, ("drive", 60))
@@ -215,7 +257,7 @@ def test_clean_data_have_no_faults(kind, rate):
 
 
 @pytest.mark.parametrize(
-    "fault", [outliers, frozen, flipped, moved_from(20.0, [0.3, 0.2, 0.1], 0.1)]
+    "fault", [outliers, frozen, flipped, put_back, moved_from(20.0, [0.3, 0.2, 0.1], 0.1)]
 )
 def test_batches_do_not_matter(fault):
     _, ground_truth, estimate = faulty(fault, seconds=40)

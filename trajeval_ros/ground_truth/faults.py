@@ -12,6 +12,8 @@ EXPLANATIONS = {
     "flip": "turns no body makes, as where it was taken for another: left out or turned back",
     "origin_jump": "jumps no body makes, from where the poses go on: cut there (large ones are"
     " moved back)",
+    "put_back": "jumps no body makes, to where it began or had jumped to before: cut there, as"
+    " where a simulation is reset",
     "frozen": "samples that repeat the one before while the body moves on, left out",
     "stamp_bursts": "samples stamped close together after a late one: stamps of their arrival",
     "stamps_late": "samples of a regular clock stamped late",
@@ -70,7 +72,7 @@ class Faults:
         self.passed = 0
         """Number of samples used."""
         self._found: dict[str, Fault] = {}
-        self._jumped = 0.0, 0.0
+        self._jumped: dict[str, tuple[float, float]] = {}
 
     def add(self, code: str, begin: int, end: int, count: int = 1) -> None:
         """Note some more."""
@@ -78,16 +80,18 @@ class Faults:
         fault = known.and_then(begin, end, count) if known else Fault(code, begin, end, count)
         self._found[code] = fault
 
-    def jumped(self, stamp: int, moved: float, turned: float) -> None:
-        """Note a jump of the origin, m and rad."""
-        self._jumped = max(self._jumped[0], moved), max(self._jumped[1], turned)
-        self.add("origin_jump", stamp, stamp)
-        known = self._found["origin_jump"]
-        moved, turned = self._jumped[0], math.degrees(self._jumped[1])
-        size = f"{moved:.3g} m" + (f" and {turned:.2g} deg" if turned else "")
+    def jumped(self, code: str, stamp: int, moved: float, turned: float) -> None:
+        """Note a jump of all poses from a sample on, m and rad."""
+        largest = self._jumped.get(code, (0.0, 0.0))
+        moved, turned = max(largest[0], moved), max(largest[1], turned)
+        self._jumped[code] = moved, turned
+        self.add(code, stamp, stamp)
+        known = self._found[code]
+        degrees = math.degrees(turned)
+        size = f"{moved:.3g} m" + (f" and {degrees:.2g} deg" if degrees else "")
         detail = size if known.count == 1 else f"{size} at most"
         stamps = (*known.stamps, stamp)[-_STAMPS:]
-        self._found["origin_jump"] = replace(known, detail=detail, stamps=stamps)
+        self._found[code] = replace(known, detail=detail, stamps=stamps)
 
     @property
     def found(self) -> tuple[Fault, ...]:

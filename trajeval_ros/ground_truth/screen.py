@@ -10,7 +10,8 @@ it while the body moves. It is then held back, with those after it, until a few 
   follows is turned back;
 - they stay with it, and no body could have moved so fast, or this one never did (``jumps``): the
   origin has jumped. There the samples are cut, and after a large jump what follows is moved back to
-  where the motion, from both sides, goes on;
+  where the motion, from both sides, goes on; unless they are where the samples began, or had jumped
+  to before: then the body was put back there, as where a simulation is reset;
 - otherwise it was motion.
 
 What is decided is a function of the samples alone, however they were cut into batches.
@@ -54,6 +55,9 @@ _FAR = 30.0
 _ACCELERATIONS = np.array([50.0, 300.0])
 # After a jump the steps are this much smaller than it.
 _QUIET = 0.2
+# The body was put back where it is within twice the usual step. So many places are known, the first
+# one of all among them.
+_STEPS_BACK, _PLACES = 2.0, 32
 # Intervals are even where they are within this factor of the usual one.
 _EVEN = 2.0
 # How far is told by so many samples on either side at most.
@@ -91,6 +95,18 @@ class Screened:
 
 
 @dataclass(frozen=True, slots=True)
+class _Place:
+    """Where samples began, or jumped to: a ``pose`` (4, 4) as it came.
+
+    ``back`` (4, 4): what has moved back those that follow; ``before``: those before the jump.
+    """
+
+    pose: Array
+    back: Array
+    before: Array
+
+
+@dataclass(frozen=True, slots=True)
 class _Steps:
     """From each sample's predecessor to it: ``sizes`` (n, 2) m and rad, ``intervals`` (n,) s."""
 
@@ -119,6 +135,8 @@ class Screen:
         self._turn = np.eye(4)
         self._back = np.eye(4)
         self._is_moved, self._as_they_come = False, True  # the latter: nor turned
+        self._places: list[_Place] = []  # oldest first
+        self._left = 0  # the one from which the samples have gone on
         self._cut = False
         self._resting = False
 
@@ -191,6 +209,8 @@ class Screen:
 
     def _remember(self, samples: Samples) -> None:
         before, most = self._before, _USUAL_STEPS + 1
+        if not self._places and len(samples):
+            self._places.append(_Place(samples.poses[0], np.eye(4), np.eye(4)))
         if before is not None:
             self._count_bursts(np.concatenate([before.stamps, samples.stamps]), len(samples))
         if before is None or len(samples) >= most:
@@ -490,13 +510,44 @@ class Screen:
         here, stamp = pending.poses[0], int(pending.stamps[0])
         moved = np.linalg.norm(here[:3, 3] - (back @ here)[:3, 3])
         angle = np.linalg.norm(se3.log_so3(back[:3, :3]))
-        self._faults.jumped(stamp, float(moved), float(angle))
         self._jump = None
         if moved < _LEAST_JUMP and angle < _LEAST_TURN:
+            self._faults.jumped("origin_jump", stamp, float(moved), float(angle))
             self._memory.forget()
             return pending
-        self._back, self._is_moved, self._as_they_come = back @ self._back, True, False
-        return replace(pending, poses=back @ pending.poses)
+        came = se3.inverse(self._back) @ here
+        place = self._place(came)
+        if place is None:
+            self._faults.jumped("origin_jump", stamp, float(moved), float(angle))
+            before, back = self._back, back @ self._back
+            self._places.append(_Place(came, back, before))
+            if len(self._places) > _PLACES:
+                del self._places[1]
+            self._left = len(self._places) - 1
+        else:
+            # As it was moved back there; if it left the same place, it was put there before, too.
+            self._faults.jumped("put_back", stamp, float(moved), float(angle))
+            known = self._places[place]
+            if place == self._left:
+                known = self._places[place] = replace(known, back=known.before)
+            back, self._left = known.back, place
+            self._memory.forget()
+            self._before = None
+        more, self._back = back @ se3.inverse(self._back), back
+        self._is_moved = bool((back - np.eye(4)).any())
+        self._look_how_they_come()
+        return replace(pending, poses=more @ pending.poses)
+
+    def _place(self, pose: Array) -> int | None:
+        """The known place at which a ``pose`` is, as it came."""
+        usual, _, _ = self._motion()
+        near = np.maximum(_STEPS_BACK * usual, _JUMP * self._accuracy)
+        known = np.stack([place.pose for place in self._places])
+        there = np.flatnonzero((_apart(known, pose[None]) < near).all(axis=1))
+        return int(there[-1]) if len(there) else None
+
+    def _look_how_they_come(self) -> None:
+        self._as_they_come = not (self._turn - np.eye(4)).any() and not self._is_moved
 
     def _turned_back(self, pending: Samples) -> Samples:
         """Turn the samples to where the motion led, those to come as well."""
@@ -508,7 +559,7 @@ class Screen:
         self._turn = self._turn @ more
         if np.linalg.norm(se3.log_so3(self._turn[:3, :3])) < _TURNED_BACK:
             self._turn = np.eye(4)
-        self._as_they_come = not (self._turn - np.eye(4)).any() and not self._is_moved
+        self._look_how_they_come()
         pending = _moved(pending, np.eye(4), self._turn)
         stamp = int(pending.stamps[0])
         self._faults.add("flip", stamp, stamp)
