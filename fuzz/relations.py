@@ -31,6 +31,8 @@ _TOPICS = ("ground_truth", "estimate")
 # Of figures, and what is rounded twice is not the same: a part of themselves, or of the largest of
 # those beside them.
 _SAME, _ALIKE = 1e-7, 1e-2
+# m: so far from the origin, round-off is as large a part of an error of a centimetre.
+_FAR = 1e6
 # Figures of round-off, of stamps, and of the world itself.
 _ROUND_OFF = ("consistency",)
 _OF_STAMPS = ("begin", "end", "stamps", "text")
@@ -182,7 +184,9 @@ def _through_engine(rng: np.random.Generator, folder: Path, pair: Pair) -> str:
     with oracle.guarded():
         first = _expected(_summary(settings, pair, SECOND), changed.more)
         second = _summary(settings, changed.pair, changed.chunk)
-    found = list(differences(first, second, changed.aside, changed.tolerance))
+    farthest = max(np.abs(p[np.isfinite(p)]).max(initial=0.0) for p in (s.positions for s in pair))
+    tolerance = changed.tolerance * max(float(farthest) / _FAR, 1.0)
+    found = list(differences(first, second, changed.aside, tolerance))
     require(
         not found, f"{relation.__name__.strip('_')}: {len(found)} differ: {'; '.join(found[:3])}"
     )

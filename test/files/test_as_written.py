@@ -372,6 +372,10 @@ def test_quaternions_of_one_norm_are_normalised_and_of_many_are_not(write, plain
     read = read_tum(write(text(rows)))
     same(read, plain, norm=1e-8)
     assert read.remarks == ("quaternions of norm 2: normalised",)
+    # One that is none stays so, without a warning.
+    none = [*rows, [*rows[-1][:4], "0", "0", "0", "0"]]
+    none[-1][0] = repr(float(rows[-1][0]) + 0.1)
+    assert not read_tum(write(text(none))).quaternions[-1].any()
     for i, row in enumerate(rows[::2]):
         row[4:] = [repr((1 + 0.01 * i) * float(v)) for v in row[4:]]
     assert read_tum(write(text(rows))).remarks == ()

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from pathlib import Path
 from typing import Any
@@ -122,3 +123,15 @@ def test_another_body_after_a_jump_is_turned_back_and_moved_no_further() -> None
     assert cuts == [samples.stamps[200]]
     assert "flip" in {fault.code for fault in faults}
     np.testing.assert_allclose(found, poses, atol=1e-3)
+
+
+@pytest.mark.parametrize("without", [False, True])
+def test_poses_that_differ_by_no_distance_are_repeats_however_they_come(without: bool) -> None:
+    """Squares of their differences are zero: these samples were judged, and judged, without end."""
+    poses = np.tile(np.eye(4), (300, 1, 1))
+    poses[:, 0, 3] = 1e-300 * np.random.default_rng(1).normal(size=300)
+    poses[250:, 1, 3] = np.arange(50) * 1e-3
+    stamps = START + np.arange(300) * (SECOND // 40)
+    with loops.left_out() if without else contextlib.nullcontext():
+        assert_the_same(Samples(stamps, poses), [list(range(1, 300)), [7, 40, 41, 251]])
+        assert len(screened(Samples(stamps, poses), [])[0]) == 300

@@ -87,7 +87,7 @@ def _normalised(quaternions: Array) -> tuple[Array, tuple[str, ...]]:
     if abs(norm - 1.0) <= _ALIKE or int(alike.sum()) < _MOST * len(known):
         return quaternions, ()
     remark = f"quaternions of norm {norm:.4g}: normalised"
-    return np.where(alike[:, None], quaternions / norms[:, None], quaternions), (remark,)
+    return quaternions / np.where(alike, norms, 1.0)[:, None], (remark,)
 
 
 def covariances_of(triangles: Array, quaternions: Array) -> Array:

@@ -221,7 +221,7 @@ class Screen:
         self._memory.add(samples)
         self._faults.passed += len(samples)
         poses = known.poses[-2:]
-        self._resting = len(poses) == 2 and self._resting and np.array_equal(poses[0], poses[1])
+        self._resting = len(poses) == 2 and self._resting and not _apart(poses[:1], poses[1:]).any()
 
     def _count_bursts(self, stamps: npt.NDArray[np.int64], new: int) -> None:
         intervals = stamps[1:] - stamps[:-1]
@@ -570,6 +570,7 @@ class Screen:
         assert self._before is not None
         last = self._before.poses[-1]
         same = (pending.poses == last).all(axis=(1, 2))
+        same[0] = True  # by so little that no distance and no angle is left
         number = len(pending) if same.all() else int(np.argmin(same))
         if pending.stamps[number - 1] - self._before.stamps[-1] > _LONGEST_FREEZE:
             self._resting = True
