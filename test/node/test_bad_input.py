@@ -239,6 +239,21 @@ def test_a_likely_cause_is_said_while_the_run_goes_on(rig: Rig) -> None:
     assert not [key for key in values_of(status) if key.startswith(("likely_cause", "advice"))]
 
 
+def test_a_likely_cause_that_no_longer_holds_is_withdrawn_in_the_log(rig: Rig) -> None:
+    truth, estimate = rig.messages()
+    for message in estimate[:60]:
+        turned = message.pose.orientation
+        turned.x, turned.y, turned.z, turned.w = 0.0, 0.0, 0.0, 1.0
+    rig.play(truth, estimate[:60])
+    said = "the estimate's orientation never changes"
+    rig.graph.until(lambda: f"likely cause: {said}" in rig.node.output, "a cause in the log")
+    withdrawn = f"no longer a likely cause: {said}"
+    assert withdrawn not in rig.node.output
+    for message in estimate[60:]:
+        rig.publishers[1].publish(message)
+    rig.graph.until(lambda: withdrawn in rig.node.output, "its withdrawal")
+
+
 @pytest.mark.parametrize("alone", ["ground_truth", "estimate"])
 def test_one_topic_only(rig: Rig, alone: str) -> None:
     truth, estimate = rig.messages()
