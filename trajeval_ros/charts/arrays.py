@@ -31,24 +31,25 @@ def extremes(columns: Sequence[npt.ArrayLike], most: int) -> Indices:
     count = len(table)
     if count <= most:
         return np.arange(count)
-    stretches = most
+    nothing, stretches = np.isnan(table), most
+    signed = [np.where(nothing, -np.inf, sign * table) for sign in (1.0, -1.0)]
     while True:
-        kept = _extremes(table, max(stretches, 1))
+        kept = _extremes(signed, max(stretches, 1))
         if len(kept) <= most or stretches <= 1:
             return kept
         # A few tries: neighbours share rows, so that how many stay is only known by trying.
         stretches = min(stretches - 1, int(0.95 * stretches * most / len(kept)))
 
 
-def _extremes(table: Array, stretches: int) -> Indices:
-    count, width = table.shape
+def _extremes(signed: Sequence[Array], stretches: int) -> Indices:
+    count, width = signed[0].shape
     size = -(-count // stretches)
-    padding = -count % size
-    found = [np.array([0, count - 1])]
-    for sign in (1.0, -1.0):
-        filled = np.where(np.isnan(table), -np.inf, sign * table)
-        padded = np.concatenate([filled, np.full((padding, width), -np.inf)])
-        places = np.argmax(padded.reshape(-1, size, width), axis=1)
-        places += size * np.arange(len(places))[:, None]
-        found.append(np.minimum(places, count - 1).ravel())
-    return np.unique(np.concatenate(found))
+    whole = count - count % size
+    kept = np.zeros(count, dtype=bool)
+    kept[[0, -1]] = True
+    for table in signed:
+        places = np.argmax(table[:whole].reshape(-1, size, width), axis=1)
+        kept[places + size * np.arange(len(places))[:, None]] = True
+        if whole < count:
+            kept[whole + np.argmax(table[whole:], axis=0)] = True
+    return np.flatnonzero(kept)

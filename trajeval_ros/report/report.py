@@ -103,8 +103,9 @@ class Report:
         return found
 
     def run(self, summary: Mapping[str, Any]) -> Run:
-        """Return the run as it stands."""
-        causes = self.causes()
+        """Return the run as it stands; its causes are looked for where the summary has none."""
+        told = summary.get("likely_causes")
+        causes = self.causes() if told is None else tuple(Cause(**each) for each in told)
         return Run(
             summary=summary,
             parameters=self.parameters,
