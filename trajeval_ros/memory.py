@@ -12,7 +12,7 @@ import gc
 import os
 from collections.abc import Iterator
 
-_OBJECTS = 50_000  # 700 by Python's own rule
+_OBJECTS = 100_000  # 700 by Python's own rule
 # Of glibc's malloc.h.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _LARGE = 32 << 20  # the most that glibc takes for an array whose memory goes back at once
