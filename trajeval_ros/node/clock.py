@@ -66,6 +66,18 @@ class _Topic:
         """How far the stamps have gone on since they jumped back, ns."""
         return self.latest - self.began if self.jumped and self.latest is not None else 0
 
+    def take_all(self, stamps: list[int]) -> None:
+        known = stamps if self.latest is None else [self.latest, *stamps]
+        back = self.newest is not None and known[0] < self.newest - JUMP
+        if not stamps or back or known != sorted(known):
+            for stamp in stamps:
+                self.take(stamp)
+            return
+        # In order, as mostly: what `take` leaves of all of them.
+        reached = known[-2] if len(known) > 1 else known[-1]
+        self.newest = reached if self.newest is None else max(self.newest, reached)
+        self.latest, self.behind = known[-1], 0
+
     def take(self, stamp: int) -> None:
         if self.newest is not None and stamp < self.newest - JUMP:
             # In order among themselves, or it is no run that starts over.
@@ -103,8 +115,7 @@ class JumpDetector:
 
     def stamps(self, topic: int, stamps: npt.NDArray[np.int64]) -> None:
         """Take stamps that arrived on topic 0, the ground truth, or an estimate's, from 1 on."""
-        for stamp in stamps.tolist():
-            self._topics[topic].take(stamp)
+        self._topics[topic].take_all(stamps.tolist())
         if topic == 0:
             return
         # Silent while the ground truth goes on after its jump: it is not waited for.

@@ -17,6 +17,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby
 from operator import itemgetter
 from typing import Any
@@ -106,22 +107,19 @@ def decode(pose_type: PoseType, messages: Sequence[bytes]) -> Decoded:
 
     What is not plain CDR goes through rclpy's deserialisation.
     """
-    stamps = [np.empty(0, dtype=np.int64)]
-    values = [np.empty((0, _width(pose_type)))]
-    frames: list[bytes] = []
-    child_frame = b""
-    for layout, group in _groups(pose_type, messages):
-        batch = _read(pose_type, layout, group)
-        stamps.append(batch[0])
-        values.append(batch[1])
-        frames.append(layout.frame)
-        child_frame = layout.child_frame
-    samples = _samples(np.concatenate(stamps), np.concatenate(values))
+    groups = list(_groups(pose_type, messages))
+    parts = [_read(pose_type, layout, data) for layout, data in groups]
+    if len(parts) == 1:
+        ((stamps, values),) = parts
+    else:
+        stamps = np.concatenate([np.empty(0, dtype=np.int64), *(part[0] for part in parts)])
+        nothing = np.empty((0, _width(pose_type)))
+        values = np.concatenate([nothing, *(part[1] for part in parts)])
     return Decoded(
-        samples,
-        tuple(_text(frame) for frame, _ in groupby(frames)),
-        _text(child_frame),
-        len(messages) - len(samples),
+        _samples(stamps, values),
+        tuple(_text(frame) for frame, _ in groupby(layout.frame for layout, _ in groups)),
+        _text(groups[-1][0].child_frame) if groups else "",
+        len(messages) - len(stamps),
     )
 
 
@@ -134,27 +132,25 @@ def deserialized(message: bytes, message_type: Any) -> Any:
         return None
 
 
-def _groups(
-    pose_type: PoseType, messages: Sequence[bytes]
-) -> Iterator[tuple[_Layout, Sequence[bytes]]]:
-    """The messages that can be read; those of equal layouts that follow each other together."""
+def _groups(pose_type: PoseType, messages: Sequence[bytes]) -> Iterator[tuple[_Layout, bytes]]:
+    """The messages that can be read; those of equal layouts that follow each other joined."""
     first = _layout(pose_type, messages[0]) if messages else None
-    if first is not None and _are_alike(first, messages):
-        yield first, messages
-        return
+    if first is not None and len(set(map(len, messages))) == 1:
+        data = b"".join(messages)
+        if _are_alike(first, data):
+            yield first, data
+            return
     pairs = [(layout, m) for each in messages for layout, m in _understood(pose_type, each)]
     for layout, group in groupby(pairs, key=itemgetter(0)):
-        yield layout, [message for _, message in group]
+        yield layout, b"".join(message for _, message in group)
 
 
-def _are_alike(layout: _Layout, messages: Sequence[bytes]) -> bool:
-    """Whether all are as long as the first, with what its ``layout`` was read from.
+def _are_alike(layout: _Layout, data: bytes) -> bool:
+    """Whether all have what the ``layout`` of the first, as long as all, was read from.
 
-    As it mostly is; and a look at all of them at once costs a tenth of reading each one's layout.
+    As they mostly do; and a look at all of them at once costs a tenth of reading each one's layout.
     """
-    if any(len(message) != layout.size for message in messages):
-        return False
-    rows = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(-1, layout.size)
+    rows = np.frombuffer(data, dtype=np.uint8).reshape(-1, layout.size)
     begin, names = rows[:, :_REPRESENTATION], rows[:, _FRAME : layout.names_end]
     return bool((begin == begin[0]).all() and (names == names[0]).all())
 
@@ -209,21 +205,25 @@ def _width(pose_type: PoseType) -> int:
 
 
 def _read(
-    pose_type: PoseType, layout: _Layout, messages: Sequence[bytes]
+    pose_type: PoseType, layout: _Layout, data: bytes
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Stamps (n,) in ns and doubles (n, 7 or 43) of messages of one layout."""
+    """Stamps (n,) in ns and doubles (n, 7 or 43) of joined messages of one layout."""
+    rows = np.frombuffer(data, dtype=_fields(layout, _width(pose_type)))
+    stamps = rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
+    return stamps, rows["values"].astype(np.float64)
+
+
+@lru_cache(maxsize=16)
+def _fields(layout: _Layout, width: int) -> np.dtype[np.void]:
     order = ">" if layout.big_endian else "<"
-    fields = np.dtype(
+    return np.dtype(
         {
             "names": ["sec", "nanosec", "values"],
-            "formats": [f"{order}i4", f"{order}u4", (f"{order}f8", (_width(pose_type),))],
+            "formats": [f"{order}i4", f"{order}u4", (f"{order}f8", (width,))],
             "offsets": [_ENCAPSULATION, _ENCAPSULATION + 4, layout.pose],
             "itemsize": layout.size,
         }
     )
-    rows = np.frombuffer(b"".join(messages), dtype=fields)
-    stamps = rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
-    return stamps, rows["values"].astype(np.float64)
 
 
 def _samples(stamps: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> PoseSamples:

@@ -9,6 +9,8 @@ the layout.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -25,23 +27,27 @@ def stamped(stamps: Stamps, frame: str, values: Array) -> list[bytes]:
     stamps: (n,), ns. values: (n, k), in the order of the message's fields.
     """
     name = frame.encode() + b"\0"
-    begin = len(_LITTLE_ENDIAN) + 12
-    # Doubles are aligned to their size, from behind the four bytes of the encapsulation.
-    first = begin + len(name) + (len(_LITTLE_ENDIAN) - begin - len(name)) % 8
-    count = values.shape[1]
-    layout = np.dtype(
-        {
-            "names": ["order", "sec", "nanosec", "length", "name", "values"],
-            "formats": ["S4", "<i4", "<u4", "<u4", f"S{len(name)}", ("<f8", (count,))],
-            "offsets": [0, 4, 8, 12, begin, first],
-            "itemsize": first + 8 * count,
-        }
-    )
-    rows = np.zeros(len(stamps), dtype=layout)
+    rows = np.zeros(len(stamps), dtype=_layout(len(name), values.shape[1]))
     rows["order"], rows["length"], rows["name"] = _LITTLE_ENDIAN, len(name), name
     rows["sec"], rows["nanosec"] = np.divmod(stamps, _SECOND)
     rows["values"] = values
     return _cut(rows)
+
+
+@lru_cache(maxsize=16)
+def _layout(length: int, count: int) -> np.dtype[np.void]:
+    """With a name of ``length`` bytes and ``count`` doubles."""
+    begin = len(_LITTLE_ENDIAN) + 12
+    # Doubles are aligned to their size, from behind the four bytes of the encapsulation.
+    first = begin + length + (len(_LITTLE_ENDIAN) - begin - length) % 8
+    return np.dtype(
+        {
+            "names": ["order", "sec", "nanosec", "length", "name", "values"],
+            "formats": ["S4", "<i4", "<u4", "<u4", f"S{length}", ("<f8", (count,))],
+            "offsets": [0, 4, 8, 12, begin, first],
+            "itemsize": first + 8 * count,
+        }
+    )
 
 
 def numbers(values: Array) -> list[bytes]:

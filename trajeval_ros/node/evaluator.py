@@ -16,6 +16,7 @@ import numpy.typing as npt
 from rclpy.clock import ROSClock
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.service import Service
 from std_srvs.srv import Trigger
 
 from trajeval_ros.files.output import OutputError
@@ -50,7 +51,7 @@ from trajeval_ros.wall import shield
 _BATCH_PERIOD = 0.02
 _LONGEST_BATCH_PERIOD = 0.04
 _UNHEARD_BATCH_PERIOD = 0.2
-_UNWATCHED_BATCH_PERIOD = 0.5
+_UNWATCHED_BATCH_PERIOD = 1.0
 _BATCH_SHARE = 0.05
 _SMOOTHING = 0.1
 # Of each estimate in a batch: poses that have waited for a lesson are caught up with in several.
@@ -110,6 +111,7 @@ class Evaluator(Node):
         """
         self.events = Gated()
         """Events of publishers, such as a reader that asks for more than is offered."""
+        self._answered = Gated()  # never opened: services, which `groups.answer` serves
         super().__init__("evaluator", automatically_declare_parameters_from_overrides=True)
         values = parameters.declare(self)
         names = names_in(values)
@@ -140,7 +142,8 @@ class Evaluator(Node):
         self._oriented: dict[int, bool] = {}  # by topic: whether what comes has an orientation
         self._defects_said: set[str] = set()
         self._batch_cost = self._next_fit = self._next_path = self._next_clock = 0.0
-        self._next_discovery = 0.0
+        self._next_discovery = self._next_health = self._next_window_fit = 0.0
+        self._unheard = _ERROR_MODEL_PERIOD
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -153,7 +156,6 @@ class Evaluator(Node):
                 (_WAITING_PERIOD, self._on_waiting),
                 (_ERROR_MODEL_PERIOD, self._on_error_model),
                 (_LATEST_PATH_PERIOD, self._on_latest_paths),
-                (_DIAGNOSTICS_PERIOD, self._on_health),
                 (_PATH_PERIOD, self._on_paths),
                 (_MARKER_PERIOD, self._on_markers),
             )
@@ -165,6 +167,10 @@ class Evaluator(Node):
     def create_publisher(self, *of: Any, **further: Any) -> Publisher:
         """As of any node, with its events behind the gate."""
         return super().create_publisher(*of, **{"callback_group": self.events, **further})
+
+    def create_service(self, *of: Any, **further: Any) -> Service:
+        """As of any node, but for the executor."""
+        return super().create_service(*of, **{**further, "callback_group": self._answered})
 
     def work(self) -> float:
         """Do what is due, and return for how long there is nothing to do (s)."""
@@ -226,6 +232,11 @@ class Evaluator(Node):
             self._batch_cost += _SMOOTHING * (took - self._batch_cost)
         for each in self._estimates:
             each.publish_due(begin)
+        if begin >= self._next_health:
+            # Right after a batch: or a second has the messages of half a second, or of two.
+            after = self._next_health + _DIAGNOSTICS_PERIOD
+            self._next_health = max(after, begin + 0.5 * _DIAGNOSTICS_PERIOD)
+            self._on_diagnostics()
         return 0.0 if self._is_behind else self._batch_period
 
     @property
@@ -252,12 +263,6 @@ class Evaluator(Node):
         all_found = all(each.is_subscribed for each in self._inputs)
         return _DISCOVERY_PERIOD if all_found else _FIRST_DISCOVERY_PERIOD
 
-    def _on_health(self) -> None:
-        if self._batch_period > _LONGEST_BATCH_PERIOD:
-            # Or a second has the messages of half a second, or of one and a half.
-            self._process()
-        self._on_diagnostics()
-
     def _on_diagnostics(self, ending: Sequence[Status] = ()) -> None:
         states = [each.state for each in self._inputs]
         self._monitor.publish(states, self.follows_clock, self._ros_now(), ending)
@@ -275,6 +280,8 @@ class Evaluator(Node):
         took = self._fits.take()
         if took is not None:
             self._next_fit = now + took / SHARE
+            self._next_window_fit = now + self._unheard
+            self._unheard *= 2.0
             for each in self._estimates:
                 each.is_due = True
         took = self._paths.take()
@@ -288,9 +295,10 @@ class Evaluator(Node):
 
     def _on_error_model(self) -> None:
         """Begin the fit of a block or the window; one that took long makes the next one wait."""
-        if time.monotonic() >= self._next_fit:
-            # The window's is for those who listen, and until there is one of the run.
-            wanted = self._metrics.wanted
+        now = time.monotonic()
+        if now >= self._next_fit:
+            # The window's is for those who listen; for causes alone it becomes ever rarer.
+            wanted = self._metrics.wanted or now >= self._next_window_fit
             self._fits.start(partial(self._session.fit_due, of_window=wanted))
 
     def _on_latest_paths(self) -> None:
@@ -527,6 +535,7 @@ class Evaluator(Node):
 
     def _reset(self) -> None:
         self._session.reset()
+        self._unheard, self._next_window_fit = _ERROR_MODEL_PERIOD, 0.0
         self._stamp_clock = StampClock()
         self._jumps.forget_stamps()
         self._notices_said.clear()

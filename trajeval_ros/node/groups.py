@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
 
 
 class Gated(CallbackGroup):
@@ -31,3 +32,20 @@ class Gated(CallbackGroup):
 
     def ending_execution(self, entity: Any) -> None:
         """Do nothing: one thread executes one callback at a time."""
+
+
+def answer(node: Node) -> bool:
+    """Answer a request of each service that has one; whether there was any.
+
+    As the executor does, for a tenth of what a turn of it costs where there is none.
+    """
+    answered = False
+    for service in node.services:
+        kind: Any = service.srv_type
+        with service.handle:
+            request, header = service.handle.service_take_request(kind.Request)
+        if header is not None:
+            response = service.callback(request, kind.Response())
+            service.send_response(response, header)
+            answered = True
+    return answered

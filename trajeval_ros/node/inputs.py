@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from functools import partial
+from itertools import groupby, islice
 from typing import Any
 
 import numpy as np
@@ -274,26 +275,24 @@ class Input:
         return Decoded(samples, named, "", undecodable, latest)
 
     def _drain(self, subscription: Subscription, message: Any) -> list[bytes]:
-        messages: list[bytes] = []
         with subscription.handle:
-            take = subscription.handle.take_message
-            while len(messages) < BATCH:
-                taken = take(message, True)
-                if taken is None:
-                    break
-                messages.append(taken[0])
-                self._count_lost(taken[1]["publication_sequence_number"])
-        self.is_behind = len(messages) == BATCH
-        return messages
+            take = partial(subscription.handle.take_message, message, True)
+            taken = list(islice(iter(take, None), BATCH))
+        self.is_behind = len(taken) == BATCH
+        self._count_lost([about["publication_sequence_number"] for _, about in taken])
+        return [raw for raw, _ in taken]
 
-    def _count_lost(self, sequence: int | None) -> None:
-        if sequence is None or len(self._publishers) != 1:
+    def _count_lost(self, sequences: Sequence[int | None]) -> None:
+        if len(self._publishers) != 1:
             self._sequence = None
             return
-        # It starts over where the publisher does.
-        if self._sequence is not None and sequence > self._sequence:
-            self._lost += sequence - self._sequence - 1
-        self._sequence = sequence
+        before = self._sequence
+        for sequence in sequences:
+            # It starts over where the publisher does.
+            if sequence is not None and before is not None and sequence > before:
+                self._lost += sequence - before - 1
+            before = sequence
+        self._sequence = before
 
     def _note_frames(self, decoded: Decoded) -> None:
         frames = decoded.frames

@@ -80,8 +80,9 @@ class Outputs:
         if self._relative.get_subscription_count():
             values = evaluations.relative_log_likelihood
             _publish(self._relative, encode.numbers(values[~np.isnan(values)]))
-        if results.absolute_log_likelihood is not None:
-            self._absolute.publish(Float64(data=float(results.absolute_log_likelihood)))
+        absolute = results.absolute_log_likelihood
+        if absolute is not None and self._absolute.get_subscription_count():
+            self._absolute.publish(Float64(data=float(absolute)))
         body_frame = body_frame or _BODY
         self._publish_errors("relative", evaluations.stamps, evaluations.relative_error, body_frame)
         self._publish_errors("absolute", evaluations.stamps, evaluations.absolute_error, body_frame)

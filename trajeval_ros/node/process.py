@@ -15,10 +15,12 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 from trajeval_ros import memory
 from trajeval_ros.node.ending import DONE, NOT_WRITTEN, WRONG_USAGE, Stop, fail, right_command
 from trajeval_ros.node.evaluator import Evaluator
+from trajeval_ros.node.groups import answer
 from trajeval_ros.online.parameters import ParameterError
 from trajeval_ros.rcl_errors import first_line
 
-_SPIN_PERIOD = 0.1
+# How long a request may wait, and a publisher's event (s).
+_ANSWER_PERIOD = 0.05
 _EVENTS_PERIOD = 1.0
 
 
@@ -45,19 +47,19 @@ def _run(others: Sequence[str], stop: Stop) -> int:
     memory.loaded()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    next_spin = next_events = 0.0
+    next_answer = next_events = 0.0
     try:
         while not stop.requested:
-            # One callback a turn: a service, a parameter, or the newest /clock. To ask costs half
-            # of what a batch does.
             begin = time.monotonic()
-            if begin >= next_spin or node.follows_clock:
-                node.events.is_open = begin >= next_events
+            if begin >= next_answer:
+                next_answer = begin if answer(node) else begin + _ANSWER_PERIOD
+            node.events.is_open = begin >= next_events
+            if node.events.is_open or node.follows_clock:
+                # One callback a turn: an event, or the newest /clock.
                 next_events = begin + _EVENTS_PERIOD if node.events.is_open else next_events
                 executor.spin_once(timeout_sec=0.0)
-                next_spin = begin + _SPIN_PERIOD
             idle = node.work()
-            time.sleep(max(0.0, min(idle, next_spin - time.monotonic())))
+            time.sleep(max(0.0, min(idle, next_answer - time.monotonic())))
     except Exception:
         # A defect, and it is shown; what has been evaluated until then is written all the same.
         node.rescue()

@@ -48,11 +48,6 @@ class LiveErrorModels:
         if evaluations.sampled.any():
             self._running.add(poses_of(evaluations, offset))
 
-    @property
-    def has_run(self) -> bool:
-        """Whether a block of the run has been fitted."""
-        return self._running.blocks > 0
-
     def due(self) -> Due | None:
         """A block of the run that waits for a fit, or else the window, if it has changed."""
         return self.block_due() or self.window_due()

@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from trajeval_ros.alignment.gauge import GAUGES
 from trajeval_ros.diagnosis.cause import Cause
@@ -17,7 +19,7 @@ from trajeval_ros.error_model.running import Due, Fitted
 from trajeval_ros.files.output import OutputError, OutputFolder
 from trajeval_ros.online.parameters import Value
 from trajeval_ros.online.positions import rows_of
-from trajeval_ros.online.results import Results
+from trajeval_ros.online.results import Evaluations, Results
 from trajeval_ros.report import Report
 from trajeval_ros.report.track import Track
 from trajeval_ros.runs.beside import Outcome, Work
@@ -25,6 +27,10 @@ from trajeval_ros.runs.error_models import LiveErrorModels, put_into
 from trajeval_ros.runs.latest_path import LatestPath, on_positions
 from trajeval_ros.runs.position_models import LivePositionModels, PositionsDue
 from trajeval_ros.wall import shield
+
+# Rows are written so many at a time: a batch costs hardly more than a pose.
+_TOGETHER = 256
+_COLUMNS = tuple(field.name for field in fields(Evaluations))
 
 
 class Record:
@@ -56,6 +62,7 @@ class Record:
         self._examined = 0
         self._directory = directory
         self._folder: OutputFolder | None = None
+        self._rows: list[Evaluations] = []  # that wait for others to be written with
         self._unwritten = 0  # poses evaluated while there was no folder for them
         if directory:
             self._try_open()
@@ -93,22 +100,32 @@ class Record:
             shield("the error model", lambda: models.add(evaluations, offset), None, say)
             if self.latest_path is not None:
                 self.latest_path.add(evaluations)
-        folder = self._folder
-        if self._directory and folder is None and len(evaluations):
-            folder = self._try_open()
-        if folder is None:
+        if not len(evaluations):
+            return
+        if self._directory and self._folder is None:
+            self._try_open()
+        if self._folder is None:
             self._unwritten += len(evaluations)
             return
+        self._rows.append(rows_of(results))
+        if sum(map(len, self._rows)) >= _TOGETHER:
+            self._put_rows()
+
+    def _put_rows(self) -> None:
+        """Put what waits into the folder."""
+        rows, self._rows = self._rows, []
+        if self._folder is None or not rows:
+            return
         try:
-            folder.add(rows_of(results))
+            self._folder.add(_joined(rows))
         except OutputError as error:
             self.error = str(error)
 
     def fit_due(self, *, of_window: bool = True, last: bool = False) -> Work | None:
         """The fit of a block of the run, or of the window, if one has changed.
 
-        Not ``of_window``: that only as long as there is no block. ``last``: nothing more comes
-        before the figures are written.
+        Not ``of_window``: of a block alone. ``last``: nothing more comes before the figures are
+        written.
         """
         say = self.report.say
         if self._is_on_positions:
@@ -118,7 +135,7 @@ class Record:
             if found is None:
                 return None
             return Work(found.fit, partial(self._take_on_positions, of_positions, found))
-        find = self.models.due if of_window or not self.models.has_run else self.models.block_due
+        find = self.models.due if of_window else self.models.block_due
         due: Due | None = shield("the error model", find, None, say)
         return None if due is None else Work(due.fit, partial(self._take, self.models, due))
 
@@ -209,6 +226,7 @@ class Record:
         if folder is None:
             assert self.error is not None
             raise OutputError(self.error)
+        self._put_rows()
         try:
             path = None if self.latest_path is None else self.latest_path.path
             folder.write(summary, self.report.render, last=last, latest_path=path)
@@ -219,6 +237,7 @@ class Record:
 
     def clear(self) -> None:
         """Start over; files that are written stay until the next time they are."""
+        self._rows = []
         self._unwritten = self.undecodable = self._examined = 0
         self.causes = ()
         self.models = LiveErrorModels(self.models.duration)
@@ -234,6 +253,7 @@ class Record:
 
     def move(self, directory: str) -> None:
         """Go on in another folder, with the rows so far; raises OutputError if it cannot be."""
+        self._put_rows()
         if self._folder is not None and directory:
             self._folder = self._folder.move(directory)
         elif directory:
@@ -248,3 +268,9 @@ class Record:
         if self._folder is not None:
             self._folder.close()
             self._folder = None
+
+
+def _joined(parts: list[Evaluations]) -> Evaluations:
+    """One after the other."""
+    columns = ([getattr(part, name) for part in parts] for name in _COLUMNS)
+    return Evaluations(*map(np.concatenate, columns))

@@ -262,8 +262,7 @@ class Session:
     def fit_due(self, *, of_window: bool = True, last: bool = False) -> Work | None:
         """The fit of a block of a run, or of a window, if one has changed.
 
-        Not ``of_window``: of that as long as there is no block. ``last``: before the figures are
-        written.
+        Not ``of_window``: of a block alone. ``last``: before the figures are written.
         """
         for name in self.names[self._next_fit :] + self.names[: self._next_fit]:
             work = self._records[name].fit_due(of_window=of_window, last=last)

@@ -42,19 +42,14 @@ class Poses:
             self.estimate[index],
         )
 
-    def followed_by(self, later: Poses) -> Poses:
-        """Return these and the later ones."""
-        return Poses(
-            np.concatenate([self.stamps, later.stamps]),
-            np.concatenate([self.ground_truth, later.ground_truth]),
-            np.concatenate([self.covariance, later.covariance]),
-            np.concatenate([self.estimate, later.estimate]),
-        )
-
 
 NO_POSES = Poses(
     np.empty(0, dtype=np.int64), np.empty((0, 4, 4)), np.empty((0, 6, 6)), np.empty((0, 4, 4))
 )
+
+
+# So many poses are taken in at once.
+_TOGETHER = 256
 
 
 class Trail:
@@ -72,18 +67,30 @@ class Trail:
 
     def clear(self) -> None:
         """Start over."""
-        self.run = NO_POSES
-        self.recent = NO_POSES
+        self._run = self._recent = NO_POSES
+        self._waiting: list[Poses] = []
+        self._taken = self._count = 0
         self._stride = 1
-        self._count = 0
 
     @property
     def count(self) -> int:
         """Number of poses taken in so far."""
         return self._count
 
+    @property
+    def run(self) -> Poses:
+        """Those that are kept of the whole run."""
+        self._take_in()
+        return self._run
+
+    @property
+    def recent(self) -> Poses:
+        """The newest."""
+        self._take_in()
+        return self._recent
+
     def add(self, evaluations: Evaluations) -> None:
-        """Take in the next poses."""
+        """Take in the next poses; they wait for others, as a batch costs hardly more than one."""
         if not len(evaluations):
             return
         poses = Poses(
@@ -92,14 +99,32 @@ class Trail:
             evaluations.covariance,
             evaluations.estimate,
         )
-        self.recent = self.recent.followed_by(poses).pick(slice(-self._recent_length, None))
-        self.run = self.run.followed_by(
-            poses.pick(slice(-self._count % self._stride, None, self._stride))
-        )
+        self._waiting.append(poses)
         self._count += len(poses)
-        while len(self.run) > self._capacity:
-            self.run = self.run.pick(slice(None, None, 2))
+        if self._count - self._taken >= _TOGETHER:
+            self._take_in()
+
+    def _take_in(self) -> None:
+        if not self._waiting:
+            return
+        poses = _joined(self._waiting)
+        kept = poses.pick(slice(-self._taken % self._stride, None, self._stride))
+        self._recent = _joined([self._recent, poses]).pick(slice(-self._recent_length, None))
+        self._run = _joined([self._run, kept])
+        self._waiting, self._taken = [], self._count
+        while len(self._run) > self._capacity:
+            self._run = self._run.pick(slice(None, None, 2))
             self._stride *= 2
+
+
+def _joined(parts: list[Poses]) -> Poses:
+    """One after the other."""
+    return Poses(
+        np.concatenate([part.stamps for part in parts]),
+        np.concatenate([part.ground_truth for part in parts]),
+        np.concatenate([part.covariance for part in parts]),
+        np.concatenate([part.estimate for part in parts]),
+    )
 
 
 def ellipsoids(poses: Array, covariance: Array) -> tuple[Array, Array, Array]:
