@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trajeval_ros import loops, se3
-from trajeval_ros.error_model.nuisances import COUNT, Nuisances, Truth, prepare
-from trajeval_ros.error_model.observed import _varied
+from trajeval_ros.error_model.nuisances import COUNT, OBSERVED_STD, Nuisances, Truth, prepare
+from trajeval_ros.error_model.observed import _varied, shown
 
 pytestmark = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
 
@@ -60,3 +60,32 @@ def test_both_prepare_the_same(given):
     scale = np.sqrt(np.diag(expected_squares) + 1e-300)
     assert_close(squares / scale / scale[:, None], expected_squares / scale / scale[:, None])
     assert_close(errors, expected_errors)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("motion", ["none", "straight", "any"])
+def test_both_show_the_same(seed, motion):
+    rng = np.random.default_rng(seed)
+    steps = 0.1 * rng.normal(size=(80, 6))
+    if motion != "any":
+        steps[:] = [0.1 if motion == "straight" else 0.0, *[0.0] * 5]
+    poses = se3.exp(np.cumsum(steps, axis=0))
+    root = 1e-3 * rng.normal(size=(80, 6, 6))
+    stamps = np.arange(80) * 10**8
+    truth = Truth(poses, root @ root.swapaxes(1, 2), 10.0 * steps, np.ones(80, np.bool_))
+    data, gauge = prepare(stamps, poses, truth, Nuisances.none())
+    # As found, with the alignment's after the nuisances; of some directions less is told.
+    size = COUNT + 6 * (seed % 2)
+    axes, _ = np.linalg.qr(rng.normal(size=(size, size)))
+    std = np.concatenate([OBSERVED_STD, np.ones(size - COUNT)])
+    covariance = std[:, None] * (axes * 10.0 ** rng.uniform(-3.0, 1.0, size)) @ axes.T * std
+    theta = std * rng.normal(size=size)
+    given = theta, covariance, np.array([1e-4, 1e-6]), data, gauge
+    found, known = shown(*given)
+    with loops.left_out():
+        expected, expected_known = shown(*given)
+    np.testing.assert_allclose(found / OBSERVED_STD, expected / OBSERVED_STD, atol=1e-7)
+    units = OBSERVED_STD * OBSERVED_STD[:, None]
+    np.testing.assert_allclose(known / units, expected_known / units, rtol=1e-7, atol=1e-7)
+    if motion != "any":  # what the motion does not show has a large variance
+        assert np.linalg.eigvalsh(known / units)[-1] > 99.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from error_model.test_fit import DRIFT, ask, estimate
 
+from trajeval_ros import loops
 from trajeval_ros.error_model.changes import Stretch, clock_changes, joined
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.nuisances import Nuisances
@@ -54,6 +55,27 @@ def test_between_records_the_answer_is_that_of_the_motion():
     np.testing.assert_allclose(exact.poses, record.poses, atol=1e-12)
     assert not record.at(stamps[[0]] - 1).valid.any()
     assert not record.at(stamps[[-1]] + 1).valid.any()
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@pytest.mark.parametrize("near", [0.0, 0.05])
+@pytest.mark.parametrize("count", [1, 2, 90])
+def test_answers_by_records_are_those_of_numpy_alone(near, count):
+    rng = np.random.default_rng(3)
+    stamps = np.cumsum(rng.choice([SECOND // 50, SECOND // 5], count, p=[0.8, 0.2]))
+    record = poses(stamps, np.tile(np.eye(4), (count, 1, 1))).truth
+    covariances = rng.normal(size=(count, 6, 6))
+    record = replace(record, covariances=covariances @ covariances.swapaxes(1, 2))
+    asked = np.sort(rng.integers(stamps[0] - SECOND, stamps[-1] + SECOND, 400))
+    asked = np.sort(np.concatenate([asked, stamps[::3]]))
+    found = record.at(asked, near)
+    with loops.left_out():
+        expected = record.at(asked, near)
+    np.testing.assert_array_equal(found.valid, expected.valid)
+    assert found.valid.any()
+    assert not found.valid.all()
+    for name in ("poses", "covariances", "twists"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12)
 
 
 def test_a_fit_by_records_is_that_with_the_ground_truth_asked_anew():

@@ -198,7 +198,7 @@ class _Candidate:
     @staticmethod
     def of(guess: Guess, data: Data, gauge: Array) -> _Candidate:
         """Its likelihood, of a hundred arrays as long as the run, is not kept."""
-        weighted = replace(data, measured=guess.measured, moved=guess.moved)
+        weighted = data.weighted(*guess.weights)
         found = Likelihood(guess.kind, guess.parameters, weighted, gauge)
         score = penalised(found) - _PENALTY * found.parameters.size
         return _Candidate(guess, score, _nats_per_pose(found))
@@ -212,6 +212,7 @@ class _Problem:
         self._near = None if known is None else _recorded(stamps, rounded(known))
         self._exact: tuple[Stamps, Truth] | None = None
         self._latest: tuple[Stamps, Truth] | None = None
+        self._moved: tuple[Nuisances, Stamps] | None = None
         self._ready: tuple[Nuisances, Truth, tuple[Data, Array]] | None = None
         self._part: tuple[Data, Array] | None = None
         self._stays_near = False
@@ -231,7 +232,7 @@ class _Problem:
 
     def _asked(self, stamps: Stamps) -> Truth:
         """The ground truth at ``stamps`` (N,), on its own clock."""
-        if self._exact is None or (stamps != self._exact[0]).any():
+        if self._exact is None or not _same(stamps, self._exact[0]):
             self._exact = stamps, rounded(self._ask(stamps))
             recorded = _recorded(*self._exact)
             self._near = self._near if recorded is None else recorded
@@ -239,7 +240,7 @@ class _Problem:
 
     def _nearby(self, stamps: Stamps) -> Truth:
         """As `_asked`, but from answers nearby, where there are some; the same when asked again."""
-        if self._latest is None or (stamps != self._latest[0]).any():
+        if self._latest is None or not _same(stamps, self._latest[0]):
             found = None if self._near is None else self._near.at(stamps, _NEAR)
             least = 0.0 if self._near is None else _ALMOST_ALL * len(self._near.stamps)
             if found is None or found.valid.sum() < least:
@@ -248,7 +249,9 @@ class _Problem:
         return self._latest[1]
 
     def _truth(self, nuisances: Nuisances, near: bool) -> Truth:
-        stamps = nuisances.stamps(self._stamps)
+        if self._moved is None or self._moved[0] is not nuisances:
+            self._moved = nuisances, nuisances.stamps(self._stamps)
+        stamps = self._moved[1]
         return self._nearby(stamps) if near or self._stays_near else self._asked(stamps)
 
     def enough(self, nuisances: Nuisances, near: bool = True) -> bool:
@@ -330,7 +333,7 @@ class _Problem:
             data, gauge = self._prepared(nuisances)
             known = self._truth(nuisances, near=False).valid
             weights, before = _carried(weights, before, known), known
-            weighted = replace(data, measured=weights[0], moved=weights[1])
+            weighted = data.weighted(*weights)
             asked = Likelihood(guess.kind, parameters, weighted, gauge)
             here = reweighted(asked, _OTHER_OUTLIERS)
             climbs |= here is not asked
@@ -350,7 +353,7 @@ class _Problem:
         return nuisances, here
 
     def _step(self, guess: Guess, data: Data, gauge: Array) -> tuple[Array, Array]:
-        weighted = replace(data, measured=guess.measured, moved=guess.moved)
+        weighted = data.weighted(*guess.weights)
         jitter = np.exp(2.0 * guess.parameters[:, 0])
         return shown(guess.theta, guess.theta_covariance, jitter, weighted, gauge)
 
@@ -391,6 +394,10 @@ def _carried(weights: tuple[Array, Array], before: Mask, now: Mask) -> tuple[Arr
     kept = np.flatnonzero(now)
     # A step over poses that are not there any more may leap as theirs did.
     return of_poses[now], np.maximum.reduceat(of_moves[: kept[-1] + 1], kept[:-1] + 1, axis=0)
+
+
+def _same(stamps: Stamps, others: Stamps) -> bool:
+    return stamps is others or bool((stamps == others).all())
 
 
 def _recorded(stamps: Stamps, truth: Truth) -> Recorded | None:

@@ -19,12 +19,14 @@ expectation of the complete data's score, from the blocks of Λ⁻¹ on and besi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros import loops
 from trajeval_ros.error_model.band import regressed
 from trajeval_ros.error_model.factored import ROUND_OFF
 from trajeval_ros.error_model.grouped import GroupedSteps
@@ -36,6 +38,8 @@ Array = npt.NDArray[np.float64]
 # No disturbance, m or rad, is larger than this.
 _LARGEST = 1e100
 
+# More are integrated out by NumPy: `theta.c` has no room.
+_MOST_NUISANCES = 16
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
@@ -59,6 +63,12 @@ class Data:
     measured: Array
     moved: Array
 
+    def weighted(self, measured: Array, moved: Array) -> Data:
+        """With other factors; what has been worked out of the rest is there still."""
+        found = copy(self)
+        vars(found).update(measured=measured, moved=moved)
+        return found
+
     @cached_property
     def intervals(self) -> Array:
         """Between the poses, (N - 1,), s."""
@@ -67,7 +77,7 @@ class Data:
     @cached_property
     def shortest(self) -> float:
         """The median interval, s."""
-        return float(np.median(self.intervals))
+        return median(self.intervals)
 
     @cached_property
     def variances(self) -> Array:
@@ -75,14 +85,27 @@ class Data:
         return np.ascontiguousarray(np.einsum("nii->in", self.covariance)).reshape(2, AXES, -1)
 
     @cached_property
+    def variance(self) -> Array:
+        """Of the ground truth on one axis of each group, (2, N)."""
+        return np.asarray(self.variances.mean(axis=1))
+
+    @cached_property
     def known(self) -> Array:
         """The standard deviation that the ground truth has of each group at the median, (2,)."""
-        return np.asarray(np.sqrt(np.median(self.variances, axis=2).mean(axis=1)))
+        found = [[median(axis) for axis in group] for group in self.variances]
+        return np.asarray(np.sqrt(np.array(found).mean(axis=1)))
 
     @cached_property
     def by_group(self) -> Array:
         """Columns of the nuisances and, last, the errors; (2, N, 3, c + 1)."""
         return by_group(self.nuisances, self.errors[..., None])
+
+
+def median(values: Array) -> float:
+    """That of numbers (n,): NumPy's function takes more time for a few hundred than they do."""
+    middle = len(values) // 2
+    parted = np.partition(values, (middle - 1, middle) if len(values) > 1 else 0)
+    return float(parted[middle] if len(values) % 2 else 0.5 * (parted[middle - 1] + parted[middle]))
 
 
 def by_group(*columns: Array) -> Array:
@@ -132,17 +155,20 @@ class Likelihood:
     def _integrate(self) -> None:
         """θ, the log-likelihood."""
         normal, count = self._regressed.normal, self.data.nuisances.shape[2]
-        schur: Array = normal[:-1, :-1].copy()
-        np.einsum("ii->i", schur)[:count] += self.data.precision
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(schur), 1e-300))
-        unit = scale[:, None] * schur * scale
-        self.theta_covariance = scale[:, None] * np.linalg.inv(unit) * scale
-        self.theta: Array = self.theta_covariance @ normal[:-1, -1]
-        self.chi2 = float(normal[-1, -1] - normal[:-1, -1] @ self.theta)
-        sign, log_schur = np.linalg.slogdet(unit)
-        if sign <= 0.0 or not np.isfinite(self.chi2):
+        self.theta: Array
+        self.theta_covariance: Array
+        size = len(normal) - 1
+        if loops.there() and size <= _MOST_NUISANCES:
+            self.theta, self.theta_covariance = np.empty(size), np.empty((size, size))
+            found = np.empty(2)
+            given = loops.doubles(normal), loops.doubles(self.data.precision)
+            told = self.theta, self.theta_covariance, found
+            failed = loops.call("theta_integrated", size, count, *given, *told)
+            self.chi2, self._schur_log_det = found.tolist()
+        else:
+            failed = self._integrate_alone(normal, count)
+        if failed or not np.isfinite(self.chi2):
             raise np.linalg.LinAlgError("the nuisances' information is not positive definite")
-        self._schur_log_det = float(log_schur) - 2.0 * float(np.log(scale).sum())
         bounded = self.kind is Kind.WANDER
         self.dof = 6 * self.count - (0 if bounded else 6)
         self.value = -0.5 * (
@@ -154,11 +180,24 @@ class Likelihood:
         # At the nuisances found, the world's alignment integrated out in every process.
         of_gauge = 0.0
         if bounded:
-            gauge = schur[count:, count:]
+            gauge = normal[count:-1, count:-1]
             of_gauge = float(np.linalg.slogdet(gauge)[1]) - len(gauge) * _LOG_2PI
         self.at_theta = -0.5 * (
             self.chi2 + self._regressed.log_det + self.dof * _LOG_2PI + of_gauge
         )
+
+    def _integrate_alone(self, normal: Array, count: int) -> bool:
+        """θ and what it leaves, by NumPy; whether its information is not positive definite."""
+        schur: Array = normal[:-1, :-1].copy()
+        np.einsum("ii->i", schur)[:count] += self.data.precision
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(schur), 1e-300))
+        unit = scale[:, None] * schur * scale
+        self.theta_covariance = scale[:, None] * np.linalg.inv(unit) * scale
+        self.theta = self.theta_covariance @ normal[:-1, -1]
+        self.chi2 = float(normal[-1, -1] - normal[:-1, -1] @ self.theta)
+        sign, log_schur = np.linalg.slogdet(unit)
+        self._schur_log_det = float(log_schur) - 2.0 * float(np.log(scale).sum())
+        return bool(sign <= 0.0)
 
     @cached_property
     def told(self) -> Told:
@@ -236,8 +275,7 @@ class Likelihood:
 
     def at(self, parameters: Array, weights: tuple[Array, Array]) -> Likelihood:
         """The likelihood at another place."""
-        data = replace(self.data, measured=weights[0], moved=weights[1])
-        return Likelihood(self.kind, parameters, data, self.gauge)
+        return Likelihood(self.kind, parameters, self.data.weighted(*weights), self.gauge)
 
     def innovations(self) -> Array:
         """What each pose is beyond its prediction from those before, whitened; (N, 6)."""

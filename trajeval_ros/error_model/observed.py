@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 # the variance, in units of `OBSERVED_STD`, of a direction that the motion does not show.
 _BEYOND_ERRORS = 4.0
 _UNKNOWN = 100.0
+# Of what an alignment takes all of, so much may be left: of a clock, where the speed never changes.
+_ROUND_OFF = 1e-10
+_RULES = _BEYOND_ERRORS, _UNKNOWN, _ROUND_OFF
 # Squares are summed over so many poses at a time, which lie in the processor's cache.
 _PART = 500
 
@@ -32,6 +35,13 @@ def shown(
     In the directions that it does not show there is nothing, and the covariance is large: there,
     each step would be as long as its standard deviation, and none the last.
     """
+    if loops.there():
+        squares, errors = _varied(jitter, data, gauge)
+        found, known = np.empty(COUNT), np.empty((COUNT, COUNT))
+        given = (*map(loops.doubles, (theta, covariance)), squares, errors, OBSERVED_STD)
+        if loops.call("errors_told", len(theta), *given, *_RULES, found, known):
+            raise np.linalg.LinAlgError("the nuisances' covariance is singular")
+        return found, known
     units = OBSERVED_STD * OBSERVED_STD[:, None]
     information = np.linalg.inv(covariance[:COUNT, :COUNT]) * units
     seen, hidden = _directions(information, jitter, data, gauge)
@@ -52,7 +62,8 @@ def _directions(information: Array, jitter: Array, data: Data, gauge: Array) -> 
     """
     squares, errors = _varied(jitter, data, gauge)
     taken = squares[6:, :6] @ np.linalg.pinv(squares[:6, :6], hermitian=True) @ squares[:6, 6:]
-    beyond = squares[6:, 6:] - taken - _BEYOND_ERRORS * np.diag(errors)
+    least = _BEYOND_ERRORS * errors + _ROUND_OFF * np.diag(squares)[6:]
+    beyond = squares[6:, 6:] - taken - np.diag(least)
     if (np.diag(beyond)[[2, 3, 4, 8]] <= 0.0).all():  # neither turns nor goes anywhere
         beyond[:2] = beyond[:, :2] = 0.0
     values, vectors = np.linalg.eigh(beyond * OBSERVED_STD * OBSERVED_STD[:, None])

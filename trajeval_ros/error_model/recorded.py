@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.error_model.nuisances import Truth
 
 Array = npt.NDArray[np.float64]
@@ -45,6 +45,8 @@ class Recorded:
         if np.array_equal(stamps, self.stamps):
             every = np.ones(len(stamps), dtype=np.bool_)
             return Truth(self.poses, self.covariances, self.twists, every)
+        if loops.there():
+            return self._at_in_c(stamps, near)
         last = len(self.stamps) - 1
         before = np.clip(
             np.searchsorted(self.stamps, stamps, side="right") - 1, 0, max(last - 1, 0)
@@ -82,6 +84,32 @@ class Recorded:
             nearest, valid = nearest[held], valid | held
             twists[held], covariances[held] = self.twists[nearest], self.covariances[nearest]
             poses[held] = self.poses[nearest] @ se3.exp(twists[held] * shift[held, None])
+        return Truth(poses, covariances, twists, valid)
+
+    def _at_in_c(self, stamps: Stamps, near: float) -> Truth:
+        """As `at`."""
+        n, m = len(self.stamps), len(stamps)
+        poses, covariances, twists = np.empty((m, 4, 4)), np.empty((m, 6, 6)), np.empty((m, 6))
+        valid = np.empty(m, dtype=np.bool_)
+        exponential, logarithm = se3.EXPONENTIAL_TABLE, se3.LOGARITHM_TABLE
+        loops.call(
+            "recorded_at",
+            n,
+            m,
+            np.ascontiguousarray(self.stamps),
+            *map(loops.doubles, (self.poses, self.covariances, self.twists)),
+            np.ascontiguousarray(stamps),
+            _WIDEST,
+            float(near),
+            exponential,
+            len(exponential),
+            logarithm,
+            len(logarithm),
+            poses,
+            covariances,
+            twists,
+            valid,
+        )
         return Truth(poses, covariances, twists, valid)
 
 

@@ -8,6 +8,7 @@ Nuisances and parameters are found in turn.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -78,16 +79,15 @@ def bounds(kind: Kind, data: Data) -> tuple[Array, Array]:
     """The least and the largest of each parameter, (2, p) each."""
     span = float(data.times[-1] - data.times[0])
     shortest = data.shortest
-    low, high = np.zeros((2, len(kind.names))), np.zeros((2, len(kind.names)))
-    for g, std in enumerate(data.known):
-        none = max(_NONE * float(std), _LEAST_STD)
-        least = {"jitter_std": none, "drift_std": none / np.sqrt(span), "wander_std": none}
-        least["velocity_std"] = none / span
-        for i, name in enumerate(kind.names):
-            of_time = name.endswith("time")
-            low[g, i] = np.log(shortest if of_time else least[name])
-            high[g, i] = np.log(max(span, 2.0 * shortest) if of_time else LARGEST_STD)
-    return low, high
+    low, high = [], []
+    for std in data.known.tolist():
+        none = max(_NONE * std, _LEAST_STD)
+        least = {"jitter_std": none, "drift_std": none / math.sqrt(span), "wander_std": none}
+        least.update(velocity_std=none / span, velocity_time=shortest, wander_time=shortest)
+        most = dict.fromkeys(("velocity_time", "wander_time"), max(span, 2.0 * shortest))
+        low.append([math.log(least[name]) for name in kind.names])
+        high.append([math.log(most.get(name, LARGEST_STD)) for name in kind.names])
+    return np.array(low), np.array(high)
 
 
 def search(kind: Kind, data: Data, gauge: Array, gain: float, begin: Guess | None = None) -> Guess:
@@ -171,13 +171,12 @@ class _Search:
             self._precision = np.concatenate([data.precision, np.zeros(6)])
         else:
             self._both = data.by_group
-        self._variance = data.variances.mean(axis=1)
 
     @cached_property
     def _series(self) -> list[Series]:
         data = self._data
         return [
-            Series(data.intervals, self._both[g, ..., -1].T, self._variance[g], **_weights(data, g))
+            Series(data.intervals, self._both[g, ..., -1].T, data.variance[g], **_weights(data, g))
             for g in range(2)
         ]
 
@@ -230,7 +229,7 @@ class _Search:
             count,
             columns,
             size,
-            *map(loops.doubles, (data.intervals, self._both, self._variance, data.travel)),
+            *map(loops.doubles, (data.intervals, self._both, data.variance, data.travel)),
             *map(loops.doubles, (self._precision, self._low, self._high)),
             maximum.RULES,
             structure.RULES,

@@ -128,10 +128,6 @@ static double logarithm(const Logarithm *sum)
     return log(sum->fraction) + (double)sum->exponent * log(2.0);
 }
 
-/* LANES numbers, wherever they lie. */
-typedef double Lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double)),
-                                    may_alias));
-
 /* What becomes of a row: the sum of others' shares, or that more or less. */
 typedef enum { SET, ADD, TAKE } How;
 

@@ -8,6 +8,7 @@
  * An estimate is corrected by E^-1 of the body's frame on the right and a factor s of positions:
  * R R_E', s p + R t with t the translation of E^-1.
  */
+#include "eigen.h"
 #include "loops.h"
 #include "se3.h"
 
@@ -258,5 +259,128 @@ LOOPS_WIDE int errors_shown(int64_t count, const double *covariance, const doubl
     }
     for (int l = 0; l < ALL; l++)
         memcpy(squares + ALL * l, sums[l], ALL * sizeof *squares);
+    return 0;
+}
+
+/* The inverse of a symmetric a (n, n), by its eigenvalues of which none is as small as round-off: not
+ * below this share of the largest, or left out where it ``may_lack``. Not 0 where one is. */
+static int invert(int n, double a[ORDER][ORDER], double least, int may_lack)
+{
+    double v[ORDER][ORDER], largest = 0.0, inverse[ORDER];
+    diagonalise(n, a, v);
+    for (int i = 0; i < n; i++)
+        largest = fmax(largest, fabs(a[i][i]));
+    for (int i = 0; i < n; i++) {
+        const int is_there = fabs(a[i][i]) > least * largest;
+        if (!is_there && !may_lack)
+            return 1;
+        inverse[i] = is_there ? 1.0 / a[i][i] : 0.0;
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = 0.0;
+            for (int k = 0; k < n; k++)
+                sum += v[i][k] * v[j][k] * inverse[k];
+            a[i][j] = a[j][i] = sum;
+        }
+    return 0;
+}
+
+/* vectors (NUISANCES, size) become themselves times turn (size, size). */
+static void turn_vectors(int size, double vectors[ORDER][ORDER], double by[ORDER][ORDER])
+{
+    for (int i = 0; i < NUISANCES; i++) {
+        double row[ORDER];
+        for (int j = 0; j < size; j++) {
+            row[j] = 0.0;
+            for (int k = 0; k < size; k++)
+                row[j] += vectors[i][k] * by[k][j];
+        }
+        memcpy(vectors[i], row, (size_t)size * sizeof *row);
+    }
+}
+
+/* Nuisances as far as the motion shows them, as `shown` of error_model/observed.py. theta (c,) and
+ * covariance (c, c) as found; squares (15, 15) and errors (9,) as `errors_shown` leaves them; units
+ * (9,). found (9,) and known (9, 9). Not 0 where the covariance is singular. */
+int errors_told(int64_t c, const double *theta, const double *covariance, const double *squares,
+                const double *errors, const double *units, double beyond_errors, double unknown,
+                double round_off, double *found, double *known)
+{
+    static const int turning[] = {2, 3, 4, 8};
+    double information[ORDER][ORDER], taken[ORDER][ORDER], beyond[ORDER][ORDER];
+    double vectors[ORDER][ORDER], own[ORDER][ORDER], turned[ORDER][ORDER], right[NUISANCES];
+    for (int i = 0; i < NUISANCES; i++)
+        for (int j = 0; j < NUISANCES; j++) {
+            information[i][j] = 0.5 * (covariance[i * c + j] + covariance[j * c + i]);
+            information[i][j] /= units[i] * units[j];
+            if (!isfinite(information[i][j]))
+                return 1;
+        }
+    for (int i = 0; i < POSE; i++)
+        for (int j = 0; j < POSE; j++)
+            taken[i][j] = squares[i * ALL + j];
+    if (invert(NUISANCES, information, 0.0, 0) || invert(POSE, taken, 1e-15, 1))
+        return 1;
+    for (int i = 0; i < NUISANCES; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = squares[(POSE + i) * ALL + POSE + j];
+            for (int k = 0; k < POSE; k++)
+                for (int l = 0; l < POSE; l++)
+                    sum -= squares[(POSE + i) * ALL + k] * taken[k][l] *
+                           squares[l * ALL + POSE + j];
+            if (i == j)
+                sum -= beyond_errors * errors[i] +
+                       round_off * squares[(POSE + i) * ALL + POSE + i];
+            beyond[i][j] = beyond[j][i] = sum;
+        }
+    int still = 1;
+    for (int i = 0; i < 4; i++)
+        still = still && beyond[turning[i]][turning[i]] <= 0.0;
+    for (int i = 0; i < NUISANCES; i++)
+        for (int j = 0; j < NUISANCES; j++)
+            beyond[i][j] *= still && (i < 2 || j < 2) ? 0.0 : units[i] * units[j];
+    diagonalise(NUISANCES, beyond, vectors);
+    /* Those that move first, then those that are hidden. */
+    int moved = 0;
+    for (int i = 0; i < NUISANCES; i++)
+        if (beyond[i][i] > 0.0) {
+            for (int k = 0; k < NUISANCES && moved != i; k++) {
+                const double kept = vectors[k][i];
+                vectors[k][i] = vectors[k][moved];
+                vectors[k][moved] = kept;
+            }
+            beyond[i][i] = beyond[moved][moved];
+            moved++;
+        }
+    for (int i = 0; i < moved; i++)
+        for (int j = 0; j < moved; j++) {
+            own[i][j] = 0.0;
+            for (int k = 0; k < NUISANCES; k++)
+                for (int l = 0; l < NUISANCES; l++)
+                    own[i][j] += vectors[k][i] * information[k][l] * vectors[l][j];
+        }
+    diagonalise(moved, own, turned);
+    turn_vectors(moved, vectors, turned);
+    for (int k = 0; k < NUISANCES; k++) {
+        right[k] = 0.0;
+        for (int l = 0; l < NUISANCES; l++)
+            right[k] += information[k][l] * theta[l] / units[l];
+    }
+    memset(found, 0, NUISANCES * sizeof *found);
+    memset(known, 0, NUISANCES * NUISANCES * sizeof *known);
+    for (int i = 0; i < NUISANCES; i++) {
+        const int is_seen = i < moved && own[i][i] >= 1.0;
+        double along = 0.0;
+        for (int k = 0; k < NUISANCES; k++)
+            along += vectors[k][i] * right[k];
+        for (int k = 0; k < NUISANCES; k++) {
+            if (is_seen)
+                found[k] += vectors[k][i] * along / own[i][i] * units[k];
+            for (int l = 0; l < NUISANCES; l++)
+                known[k * NUISANCES + l] += vectors[k][i] * vectors[l][i] * units[k] * units[l] *
+                                            (is_seen ? 1.0 / own[i][i] : unknown);
+        }
+    }
     return 0;
 }

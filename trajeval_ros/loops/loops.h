@@ -20,4 +20,8 @@
 #define LOOPS_PART static inline
 #endif
 
+/* Four numbers, wherever they lie. */
+typedef double Lanes __attribute__((vector_size(4 * sizeof(double)), aligned(sizeof(double)),
+                                    may_alias));
+
 #endif

@@ -5,10 +5,12 @@
  * chains of one axis: rotations first, as what their errors do to positions is taken off those.
  */
 #include "chain.h"
+#include "eigen.h"
 
 #include <string.h>
 
 enum { COLUMNS = 16, GROUPS = 2 }; /* nuisances, those of the alignment, and the errors */
+enum { PART = 64 };                /* rows that lie in the processor's cache */
 
 /* What a search keeps to (search.py has each as a constant). */
 typedef struct {
@@ -192,30 +194,49 @@ static int climb_both(const Problem *at, const Known *known, int from_starts, co
     return 0;
 }
 
-/* normal (columns, columns) grows by rows' rows of (rows, columns), whose lanes are this wide. */
-LOOPS_PART void add_products(int64_t rows, int columns, const double *values, double *normal,
-                             int wide)
+/* Four rows of sums (COLUMNS, COLUMNS) from the first's diagonal on grow by products of each of values
+ * (rows, COLUMNS) with itself; so many times LANES wide. */
+LOOPS_PART void add_four(int64_t rows, double values[][COLUMNS], int first, int wide,
+                         double sums[COLUMNS][COLUMNS])
 {
-    double sums[COLUMNS][COLUMNS] = {{0.0}};
+    Lanes total[4][COLUMNS / LANES];
+    for (int l = 0; l < 4; l++)
+        for (int m = 0; m < wide; m++)
+            total[l][m] = *(Lanes *)(sums[first + l] + first + LANES * m);
     for (int64_t i = 0; i < rows; i++) {
-        double row[COLUMNS] = {0.0};
-        memcpy(row, values + i * columns, (size_t)columns * sizeof *row);
-        for (int l = 0; l < columns; l++)
+        const double *const row = values[i] + first;
+        for (int l = 0; l < 4; l++)
             for (int m = 0; m < wide; m++)
-                sums[l][m] += row[l] * row[m];
+                total[l][m] += row[l] * *(const Lanes *)(row + LANES * m);
     }
-    for (int l = 0; l < columns; l++)
-        for (int m = 0; m < columns; m++)
-            normal[l * columns + m] += sums[l][m];
+    for (int l = 0; l < 4; l++)
+        for (int m = 0; m < wide; m++)
+            *(Lanes *)(sums[first + l] + first + LANES * m) = total[l][m];
 }
 
+/* normal (columns, columns) grows by what rows of (rows, columns) are by themselves. */
 LOOPS_WIDE void search_products(int64_t rows, int64_t columns, const double *values,
                                 double *normal)
 {
-    if (columns == 10)
-        add_products(rows, 10, values, normal, 12);
-    else
-        add_products(rows, (int)columns, values, normal, COLUMNS);
+    double sums[COLUMNS][COLUMNS] = {{0.0}}, part[PART][COLUMNS] = {{0.0}};
+    for (int64_t done = 0; done < rows; done += PART) {
+        const int64_t some = rows - done < PART ? rows - done : PART;
+        for (int64_t i = 0; i < some; i++)
+            memcpy(part[i], values + (done + i) * columns, (size_t)columns * sizeof *values);
+        if (columns > 12) {
+            add_four(some, part, 0, 4, sums);
+            add_four(some, part, 4, 3, sums);
+            add_four(some, part, 8, 2, sums);
+            add_four(some, part, 12, 1, sums);
+        } else {
+            add_four(some, part, 0, 3, sums);
+            add_four(some, part, 4, 2, sums);
+            add_four(some, part, 8, 1, sums);
+        }
+    }
+    for (int l = 0; l < columns; l++)
+        for (int m = 0; m < columns; m++)
+            normal[l * columns + m] += m < l ? sums[m][l] : sums[l][m];
 }
 
 /* The normal equations of both groups (columns, columns), of errors with these filters. */
@@ -237,48 +258,12 @@ static void set_normal(const Problem *at, const Place *places, double *normal, W
     search_products(AXES * n, columns, work->positions, normal);
 }
 
-/* Eigenvalues, on the diagonal of a (n, n), and eigenvectors in the columns of v, by Jacobi's
- * rotations. */
-static void diagonalise(int n, double a[COLUMNS][COLUMNS], double v[COLUMNS][COLUMNS])
-{
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++)
-            v[i][j] = i == j;
-    for (int sweep = 0, turned = 1; turned && sweep < 40; sweep++) {
-        turned = 0;
-        for (int p = 0; p < n; p++)
-            for (int q = p + 1; q < n; q++) {
-                const double beside = a[p][q];
-                if (!(fabs(beside) > 1e-17 * sqrt(fabs(a[p][p] * a[q][q])) &&
-                      fabs(beside) > 1e-300))
-                    continue;
-                turned = 1;
-                const double ratio = 0.5 * (a[q][q] - a[p][p]) / beside;
-                const double t = copysign(1.0, ratio) / (fabs(ratio) + sqrt(1.0 + ratio * ratio));
-                const double c = 1.0 / sqrt(1.0 + t * t), s = t * c;
-                a[p][p] -= t * beside;
-                a[q][q] += t * beside;
-                a[p][q] = a[q][p] = 0.0;
-                for (int k = 0; k < n; k++) {
-                    const double w = v[k][p], z = v[k][q];
-                    v[k][p] = c * w - s * z;
-                    v[k][q] = s * w + c * z;
-                    if (k == p || k == q)
-                        continue;
-                    const double x = a[k][p], y = a[k][q];
-                    a[k][p] = a[p][k] = c * x - s * y;
-                    a[k][q] = a[q][k] = s * x + c * y;
-                }
-            }
-    }
-}
-
 /* Nuisances (c,) and their covariance (c, c) by normal equations (c + 1, c + 1); not 0 of what is not
  * finite. */
 static int solve_normal(const Problem *at, const double *normal, double *theta, double *covariance)
 {
     const int columns = (int)at->columns, n = columns - 1;
-    double a[COLUMNS][COLUMNS], v[COLUMNS][COLUMNS], scale[COLUMNS];
+    double a[ORDER][ORDER], v[ORDER][ORDER], scale[COLUMNS];
     const double round_off = at->turns->round_off;
     for (int i = 0; i < n; i++) {
         /* What the process takes all of has no information but by round-off. */
@@ -291,7 +276,7 @@ static int solve_normal(const Problem *at, const double *normal, double *theta, 
     }
     for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++) {
-            const double both = i == j ? a[i][i] : 0.5 * (normal[i * columns + j] + normal[j * columns + i]);
+            const double both = i == j ? a[i][i] : normal[i * columns + j];
             a[i][j] = a[j][i] = scale[i] * both * scale[j] + (i == j ? round_off : 0.0);
             if (!isfinite(a[i][j]))
                 return 1;
