@@ -66,6 +66,20 @@ def test_output_that_cannot_be_written_is_one_line(flush: bool) -> None:
     assert done.stderr == "tool: error: cannot write the output: No space left on device\n"
 
 
+@pytest.mark.parametrize(("command", "code"), [("evaluate tum a b", 1), ("simulate out", 0)])
+def test_streams_that_are_closed_are_none_s_loss(command: str, code: int, tmp_path: Path) -> None:
+    """As of a process that something else started with neither stdout nor stderr."""
+    name, *rest = command.split()
+    module = f"trajeval_ros.commands.{name}"
+    done = subprocess.run(
+        ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", sys.executable, "-m", module, *rest],
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode == code
+    assert (tmp_path / "out").exists() == (code == 0)
+
+
 def test_another_error_of_the_system_is_not_hidden() -> None:
     with pytest.raises(FileNotFoundError):
         console.run(lambda: len(Path("/no/such/file").read_bytes()), "tool")

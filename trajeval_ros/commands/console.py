@@ -41,6 +41,7 @@ class Answered(Exception):
 
 def run(command: Callable[[], int], name: str) -> int:
     """Run ``command``; turn its errors into one line on stderr and an exit code."""
+    _have_streams()
     try:
         code = command()
         # A closed pipe shows here rather than in the interpreter's shutdown.
@@ -81,6 +82,13 @@ def directed(*, quiet: bool, to_stderr: bool) -> Iterator[None]:
                 yield
     finally:
         Progress.shown = True
+
+
+def _have_streams() -> None:
+    """Where a stream was closed (`evaluate ... >&-`), what is said goes nowhere."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
 def _drop_output() -> None:
