@@ -103,12 +103,11 @@ class RotationMoments:
         centres: Array = keys * np.float64(CELL)
         zeta = se3.log_so3(se3.exp_so3(from_anchor) @ se3.exp_so3(-centres))
         # |key| is at most pi / CELL < 64 in each coordinate.
-        codes, first, member = np.unique(
-            (keys + 64) @ np.array([128 * 128, 128, 1]), return_index=True, return_inverse=True
-        )
-        moments = np.zeros((len(codes), len(_MONOMIALS)))
-        np.add.at(moments, member, _monomials(zeta))
-        self._add_cells(codes, centres[first], moments)
+        codes = (keys + 64) @ np.array([128 * 128, 128, 1])
+        order = np.argsort(codes, kind="stable")
+        first = np.flatnonzero(np.diff(codes[order], prepend=-1))
+        moments = np.add.reduceat(_monomials(zeta)[order], first)
+        self._add_cells(codes[order[first]], centres[order[first]], moments)
         self._count += len(rotations)
 
     def _add_cells(self, codes: npt.NDArray[np.int64], centres: Array, moments: Array) -> None:

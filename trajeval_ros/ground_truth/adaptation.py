@@ -18,7 +18,7 @@ the samples up to there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeVar
@@ -352,14 +352,19 @@ class Adaptation:
         """The epoch that answers with the first ``count`` samples."""
         return next(e for e in reversed(self.epochs) if e.first <= max(count, 1))
 
-    def regimes(self, process: Process, values: Values) -> Regimes:
-        """The regimes after the samples ``values``; under another process, the best for these."""
-        epoch = self.at(len(values.times))
-        if process.learned is None or process.learned == self.process.learned:
+    def regimes(self, process: Process, count: int, samples: Callable[[], Values]) -> Regimes:
+        """The regimes after the first ``count`` samples; under another process, the best for these.
+
+        ``samples``: what gives all of them, where they are needed.
+        """
+        epoch = self.at(count)
+        if process.learned is None or process is self.process:
             return epoch.regimes
-        if len(values.times) < 3:
+        if process.learned == self.process.learned:
+            return epoch.regimes
+        if count < 3:
             return AS_LEARNED
-        last = len(values.times) - 1
+        values, last = samples()[:count], count - 1
         translation, rotation = (
             best_regime(learned, USUAL, values.of(group), min(since, last))
             for group, (learned, since) in enumerate(zip(process.learned, epoch.since, strict=True))
@@ -397,9 +402,8 @@ class Adaptation:
     def _begin(self, first: int, since: tuple[int, int], regimes: Regimes, values: Values) -> None:
         """Begin an epoch."""
         process, size = self.process.under(regimes), values.values.shape[1] // 2
-        groups = tuple(group for group in process.groups for _ in range(size))
-        noise = np.array([group.noise_std**2 for group in groups])
-        regression = Regression(process.kernels, groups, values.values.shape[2])
+        kernel, noise = process.parts(size)
+        regression = Regression.of(kernel, values.values.shape[2])
         regression.extend(values.with_noise(noise))
         before = regression.square(since)
         self.epochs.append(Epoch(first, since, regimes, process, regression, noise, before))

@@ -60,11 +60,7 @@ class Fit:
 
 
 class Fits:
-    """Looks at each closed segment.
-
-    Attributes:
-        fit: as it is now; None before the first segment.
-    """
+    """Looks at each closed segment."""
 
     def __init__(self, faults: Faults) -> None:
         """``faults``: where noise that grows is noted."""
@@ -77,7 +73,23 @@ class Fits:
         self._segments = 0
         self._adapted = 0
         self._anew: deque[int] = deque(maxlen=_ANEW)
-        self.fit: Fit | None = None
+        self._stamp_std = 0.0
+        self._fit: Fit | None = None
+
+    @property
+    def fit(self) -> Fit | None:
+        """As it is now; None before the first segment."""
+        if self._fit is None and self._recent:
+            translation, rotation = (_median(each) for each in zip(*self._recent, strict=True))
+            self._fit = Fit(
+                (translation, rotation),
+                self._noise,
+                self._segments,
+                self._adapted,
+                self._stamp_std,
+                tuple(self._anew),
+            )
+        return self._fit
 
     def add(self, segment: Segment) -> None:
         """Take a closed segment whose process is known."""
@@ -93,15 +105,8 @@ class Fits:
             if not self._anew or stamp - self._anew[-1] > _SECOND:
                 self._anew.append(stamp)
         self._noise = _noise(epoch.process)
-        translation, rotation = (_median(each) for each in zip(*self._recent, strict=True))
-        self.fit = Fit(
-            (translation, rotation),
-            self._noise,
-            self._segments,
-            self._adapted,
-            math.hypot(epoch.process.stamp_std, epoch.process.stamp_shared),
-            tuple(self._anew),
-        )
+        self._stamp_std = math.hypot(epoch.process.stamp_std, epoch.process.stamp_shared)
+        self._fit = None
         white = _white(epoch)
         if self._first is None:
             # Less than what is usual is not known well enough to grow.

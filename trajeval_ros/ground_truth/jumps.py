@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth.segment import Samples
+from trajeval_ros.ground_truth.ticks import middle
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
@@ -291,7 +292,7 @@ def errors(times: Array, positions: Array) -> Array:
 
 def _usual(before: Samples) -> int:
     """The usual interval, ns."""
-    return int(np.median(np.diff(before.stamps)))
+    return int(middle(np.diff(before.stamps)))
 
 
 def _is_even(before: Samples, after: Samples) -> bool:
@@ -309,7 +310,7 @@ def _spacing(before: Samples, gap: int) -> int | None:
 
 def _pace(samples: Samples) -> float:
     """The usual interval, s."""
-    return 1e-9 * float(np.median(np.diff(samples.stamps)))
+    return 1e-9 * middle(np.diff(samples.stamps))
 
 
 def _bare(samples: Samples) -> Samples:

@@ -14,6 +14,7 @@ from trajeval_ros.ground_truth.hyperparameters import (
     GroupHyperparameters,
     Hyperparameters,
 )
+from trajeval_ros.ground_truth.kernel_sum import KernelSum
 from trajeval_ros.ground_truth.kernels import Kernel
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
 
@@ -40,7 +41,21 @@ class Process:
     learned: tuple[Learned, Learned] | None = None
     stamp_std: float = 0.0
     stamp_shared: float = 0.0
+    least_scales: tuple[float, ...] = field(init=False, compare=False, repr=False)
+    """The least ``s²`` of translation and rotation."""
     _known: dict[Regimes, Process] = field(default_factory=dict, compare=False, repr=False)
+    _parts: dict[int, tuple[KernelSum, Array]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
+
+    def __post_init__(self) -> None:
+        """What is asked for often is worked out once."""
+        noises = (group.noise_std for group in self.groups)
+        least = (
+            max(LEAST_SCALE, min((floor / noise) ** 2, 1.0))
+            for floor, noise in zip(self.accuracy, noises, strict=True)
+        )
+        object.__setattr__(self, "least_scales", tuple(least))
 
     @staticmethod
     def of(
@@ -60,7 +75,7 @@ class Process:
         if regimes not in self._known:
             translation, rotation = map(Learned.under, self.learned, regimes)
             self._known[regimes] = replace(
-                self, hyperparameters=Hyperparameters(translation, rotation), _known={}
+                self, hyperparameters=Hyperparameters(translation, rotation), _known={}, _parts={}
             )
         return self._known[regimes]
 
@@ -75,11 +90,10 @@ class Process:
         signal = [sum(c.std**2 for c in group.components) for group in self.groups]
         return np.repeat(signal, 3), np.repeat([group.noise_std for group in self.groups], 3)
 
-    @property
-    def least_scales(self) -> tuple[float, ...]:
-        """The least ``s²`` of translation and rotation."""
-        noises = (group.noise_std for group in self.groups)
-        return tuple(
-            max(LEAST_SCALE, min((floor / noise) ** 2, 1.0))
-            for floor, noise in zip(self.accuracy, noises, strict=True)
-        )
+    def parts(self, size: int) -> tuple[KernelSum, Array]:
+        """The kernels' sum and the noise's variances (2 size,), ``size`` groups of each."""
+        if size not in self._parts:
+            groups = tuple(group for group in self.groups for _ in range(size))
+            noise = np.array([group.noise_std**2 for group in groups])
+            self._parts[size] = KernelSum.of(self.kernels, groups), noise
+        return self._parts[size]

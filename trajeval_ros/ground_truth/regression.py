@@ -57,7 +57,17 @@ class Regression:
         coordinates: int,
     ) -> None:
         """Start without samples."""
-        self._kernel = KernelSum.of(kernels, groups)
+        self._start(KernelSum.of(kernels, groups), coordinates)
+
+    @classmethod
+    def of(cls, kernel: KernelSum, coordinates: int) -> Regression:
+        """The same with the kernels' sum."""
+        regression = cls.__new__(cls)
+        regression._start(kernel, coordinates)
+        return regression
+
+    def _start(self, kernel: KernelSum, coordinates: int) -> None:
+        self._kernel = kernel
         self._variance = self._kernel.variances[0, :, 0]
         self._factor = _factor(self._kernel, least_information(self._variance), coordinates)
 

@@ -28,6 +28,7 @@ from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth import jumps
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.segment import Samples
+from trajeval_ros.ground_truth.ticks import middle, middles
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -363,14 +364,14 @@ class Screen:
         """The usual step (2,), the twist of the last samples (6,), the usual interval (s)."""
         assert self._before is not None
         steps = _Steps.between(self._before)
-        usual = np.median(steps.sizes, axis=0)
+        usual = middles(steps.sizes.T)
         last = self._before[max(len(self._before) - 4, 0) :]
         span = float(last.stamps[-1] - last.stamps[0]) * 1e-9
         first, second = last.poses[0], last.poses[-1]
         twist = np.concatenate(
             [second[:3, 3] - first[:3, 3], se3.log_so3(first[:3, :3].T @ second[:3, :3])]
         )
-        return usual, twist / span, float(np.median(steps.intervals))
+        return usual, twist / span, middle(steps.intervals)
 
     def _led_to(self, stamps: npt.NDArray[np.int64]) -> Array:
         """Where the motion before led to; (n, 4, 4)."""
@@ -437,14 +438,14 @@ class Screen:
         assert self._before is not None
         intervals = np.diff(self._before.stamps) * 1e-9
         changes = _changes(self._before.poses[:, :3, 3], intervals)
-        return off > _TIMES_USUAL * float(np.median(changes))
+        return off > _TIMES_USUAL * middle(changes)
 
     def _is_even(self, samples: Samples) -> bool:
         """Whether stamps are even around the first of the samples: late ones look like jumps."""
         assert self._before is not None
         stamps = np.concatenate([self._before.stamps, samples.stamps[: 1 + _FEWEST_AHEAD]])
         intervals = np.diff(stamps)
-        near = intervals[len(self._before) - 3 :] / np.median(intervals[: len(self._before) - 1])
+        near = intervals[len(self._before) - 3 :] / middle(intervals[: len(self._before) - 1])
         return bool((near < _EVEN).all() and (near > 1.0 / _EVEN).all())
 
     def _judge_jump(

@@ -378,7 +378,7 @@ class Segment:
         best.
         """
         known, count = self._known, int(self.counts(np.array([until]))[0])
-        return known.regimes(process, self.values(known.process)[:count])
+        return known.regimes(process, count, lambda: self.values(known.process))
 
     def counts(self, until: Stamps) -> Counts:
         """Number of samples stamped up to each of ``until`` (q,)."""

@@ -35,7 +35,7 @@ _TELLING = 12
 def resolutions(blocks: Stamps) -> Stamps:
     """The coarsest ticks (ns) that all of each block (m, n) are on; 0 for ticks without a say."""
     since = blocks - blocks[:, :1]
-    least = _MATTERS * _middles(np.diff(blocks))
+    least = _MATTERS * middles(np.diff(blocks))
     found = np.zeros(len(blocks), dtype=np.int64)
     ticks = np.array(_TICKS)
     # Where they are not, the first few tell already.
@@ -75,7 +75,7 @@ def quantised(blocks: Stamps, ticks: Stamps) -> Mask:
     if not len(some):
         return found
     steps = np.rint(np.diff(blocks[some]) / ticks[some, None]).astype(np.int64)
-    usual = np.maximum(_middles(steps).astype(np.int64), 1)[:, None]
+    usual = np.maximum(middles(steps).astype(np.int64), 1)[:, None]
     found[some] = (steps % usual != 0).mean(axis=1) >= _UNEVEN
     unlike = (steps != usual).mean(axis=1) >= _UNLIKE
     for block in some[unlike & ~found[some]].tolist():
@@ -111,10 +111,10 @@ def whole_seconds(stamps: Stamps) -> bool:
 
 def middle(values: npt.NDArray[np.int64] | npt.NDArray[np.float64]) -> float:
     """The median: NumPy's takes ten times as long for few."""
-    return float(_middles(values))
+    return float(middles(values))
 
 
-def _middles(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """That of each row (..., n)."""
+def middles(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """That of each row of (..., n)."""
     ordered, count = np.sort(values), values.shape[-1]
     return np.asarray(0.5 * (ordered[..., (count - 1) // 2] + ordered[..., count // 2]))

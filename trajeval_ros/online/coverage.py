@@ -167,7 +167,7 @@ class Presence:
         ends = np.concatenate([before, stamps]) if self.last is not None else stamps
         steps = np.diff(ends)
         bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(steps, 1))).astype(np.int64)
-        np.add.at(self._counts, np.minimum(bins, _BINS - 1), 1)
+        self._counts += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
         found = np.concatenate([self._longest, np.stack([ends[:-1], ends[1:]], axis=1)])
         order = np.argsort(found[:, 0] - found[:, 1], kind="stable")[:_MOST_INTERVALS]
         self._longest = found[order]
