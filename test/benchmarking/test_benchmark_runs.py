@@ -344,6 +344,17 @@ def test_a_scheduler_that_is_not_there_is_said(
     assert "no scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
 
 
+def test_an_output_that_is_no_folder_is_one_line(
+    done: Done, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manifest, _ = done
+    (tmp_path / "file").touch()
+    asked = [str(manifest), "--output", str(tmp_path / "file"), "--workers", "1"]
+    assert benchmark.main(asked) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == f"benchmark: error: cannot write {tmp_path / 'file'}: File exists"
+
+
 @pytest.mark.slow
 def test_the_page_s_commands_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -164,6 +164,10 @@ def _rows(arguments: argparse.Namespace, manifest: Manifest) -> list[Row]:
         raise console.UsageError(f"--output: {error}") from error
     except ClusterError as error:
         raise console.CommandError(f"{error}; --resume goes on with what is done") from error
+    except (FileExistsError, NotADirectoryError, PermissionError) as error:
+        # Anything but a folder that can be written.
+        text = f"cannot write {error.filename}: {error.strerror}"
+        raise console.CommandError(text) from error
 
 
 def _say(rows: Sequence[Row], folder: Path) -> None:
