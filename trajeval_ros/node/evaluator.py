@@ -52,6 +52,9 @@ _BATCH_PERIOD = 0.02
 _LONGEST_BATCH_PERIOD = 0.04
 _UNHEARD_BATCH_PERIOD = 0.2
 _UNWATCHED_BATCH_PERIOD = 1.0
+# What the middleware holds for a second at 10 kHz makes each message dearer: after a batch that was
+# not all there was they are as frequent as where somebody watches for this long (s).
+_CROWDED = 10.0
 _BATCH_SHARE = 0.05
 _SMOOTHING = 0.1
 # Of each estimate in a batch: poses that have waited for a lesson are caught up with in several.
@@ -144,6 +147,7 @@ class Evaluator(Node):
         self._batch_cost = self._next_fit = self._next_path = self._next_clock = 0.0
         self._next_discovery = self._next_health = self._next_window_fit = 0.0
         self._unheard = _ERROR_MODEL_PERIOD
+        self._crowded_until = 0.0
         self._waited = 0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save", self._on_save)
@@ -237,7 +241,10 @@ class Evaluator(Node):
             after = self._next_health + _DIAGNOSTICS_PERIOD
             self._next_health = max(after, begin + 0.5 * _DIAGNOSTICS_PERIOD)
             self._on_diagnostics()
-        return 0.0 if self._is_behind else self._batch_period
+        if not self._is_behind:
+            return self._batch_period
+        self._crowded_until = begin + _CROWDED
+        return 0.0
 
     @property
     def _batch_period(self) -> float:
@@ -250,6 +257,7 @@ class Evaluator(Node):
             or self._visualization.is_wanted
             or any(each.outputs.numbers_wanted for each in self._estimates)
         )
+        is_watched = is_watched or time.monotonic() < self._crowded_until
         return _UNHEARD_BATCH_PERIOD if is_watched else _UNWATCHED_BATCH_PERIOD
 
     def _on_discovery(self) -> float:
