@@ -35,6 +35,7 @@
 #define MOST_LANES 32
 #define PADDED 8      /* POSE, as a multiple of LANES */
 #define PARAMETERS 4  /* of one group, at the most */
+#define TOGETHER 10   /* poses whose products are summed at once */
 #define BOTH (2 * PARAMETERS)
 
 /* Before what is short is unrolled, it is vectorised. */
@@ -110,22 +111,27 @@ LOOPS_PART double dot(const double *x, const double *y, int64_t n)
     return sum;
 }
 
-/* The logarithm of a product, which overflows nowhere. */
+/* The logarithm of a product, of many factors at once. */
 typedef struct {
-    double fraction;
-    int64_t exponent;
+    double product, sum;
 } Logarithm;
 
-LOOPS_PART void multiply(Logarithm *sum, double factor)
+LOOPS_PART void multiply(Logarithm *of, double factor)
 {
-    int exponent;
-    sum->fraction = frexp(sum->fraction * factor, &exponent);
-    sum->exponent += exponent;
+    if (!(factor > 1e-200 && factor < 1e200)) {
+        of->sum += log(factor);
+        return;
+    }
+    of->product *= factor;
+    if (!(of->product > 1e-100 && of->product < 1e100)) {
+        of->sum += log(of->product);
+        of->product = 1.0;
+    }
 }
 
-static double logarithm(const Logarithm *sum)
+static double logarithm(const Logarithm *of)
 {
-    return log(sum->fraction) + (double)sum->exponent * log(2.0);
+    return of->sum + log(of->product);
 }
 
 /* What becomes of a row: the sum of others' shares, or that more or less. */
@@ -179,7 +185,8 @@ LOOPS_PART int eliminate(double *rows, int64_t m, int64_t width, Logarithm *dete
 {
     for (int64_t j = 0; j < m; j++) {
         double *row = rows + j * width;
-        combine(TAKE, row, rows + j, width, rows, width, j, width);
+        const int64_t from = j - j % LANES; /* what is before is nothing in the end */
+        combine(TAKE, row + from, rows + j, width, rows + from, width, j, width - from);
         double pivot = row[j];
         if (!(pivot > 0.0 && pivot <= DBL_MAX))
             return 1;
@@ -228,52 +235,97 @@ LOOPS_PART void symmetrise(double *a, int64_t m)
             a[r * m + q] = a[q * m + r] = 0.5 * (a[r * m + q] + a[q * m + r]);
 }
 
-/* A' of A (m, m). */
-LOOPS_PART void transpose(const double *a, double *into, int64_t m)
+/* F A of A (m, width) in place, F of a group being upper triangular; headings, rows 3 to 5, turn what
+ * the position goes. */
+LOOPS_PART void move(const Step *step, double *a, int64_t k, int64_t width)
 {
-    for (int64_t r = 0; r < m; r++)
-        for (int64_t q = 0; q < m; q++)
-            into[q * m + r] = a[r * m + q];
+    for (int64_t r = 0; r < POSE; r++) {
+        const int64_t g = r / AXES, y = (r + 1) % AXES, z = (r + 2) % AXES;
+        double *const row = a + r * width;
+        const double own = step->move[g][0][0], of_y = step->travel[y], of_z = step->travel[z];
+        const double *const heading_y = a + (AXES + y) * width;
+        const double *const heading_z = a + (AXES + z) * width;
+        if (own != 1.0)
+            times(row, own, width);
+        if (k > 1)
+            add(row, step->move[g][0][1], a + (POSE + r) * width, width);
+        if (g > 0)
+            continue;
+        ROLLED
+        for (int64_t l = 0; l < width; l++)
+            row[l] += of_z * heading_y[l] - of_y * heading_z[l];
+    }
+    for (int64_t r = 0; r < POSE && k > 1; r++)
+        times(a + (POSE + r) * width, step->move[r / AXES][1][1], width);
 }
 
-/* Add P A, or P' A, of A (m, width) to ``into``, P block-diagonal as a group's (2, k, k) on each
- * axis. Much of a process is nothing. */
-LOOPS_PART void add_weighed(const double p[2][COMPONENTS][COMPONENTS], int transposed,
-                            const double *a, double *into, int64_t k, int64_t width)
+/* F' A of A (m, width) in place. */
+LOOPS_PART void move_back(const Step *step, double *a, int64_t k, int64_t width)
 {
-    for (int64_t c = 0; c < k; c++)
-        for (int64_t d = 0; d < k; d++)
-            for (int64_t g = 0; g < 2; g++) {
-                if (p[g][c][d] == 0.0)
-                    continue;
-                const int64_t to = transposed ? d : c, from = transposed ? c : d;
-                /* The axes lie next to each other. */
-                add(into + row_of(to, g, 0) * width, p[g][c][d], a + row_of(from, g, 0) * width,
-                    AXES * width);
-            }
-}
-
-/* F A of A (m, width); headings, rows 3 to 5, turn what the position goes. */
-LOOPS_PART void move(const Step *step, const double *a, double *into, int64_t k, int64_t width)
-{
-    memset(into, 0, sizeof(double) * (size_t)(POSE * k * width));
-    add_weighed(step->move, 0, a, into, k, width);
+    for (int64_t r = 0; r < POSE && k > 1; r++) {
+        times(a + (POSE + r) * width, step->move[r / AXES][1][1], width);
+        add(a + (POSE + r) * width, step->move[r / AXES][0][1], a + r * width, width);
+    }
     for (int64_t x = 0; x < AXES; x++) {
-        int64_t y = (x + 1) % AXES, z = (x + 2) % AXES;
-        add(into + x * width, step->travel[z], a + (AXES + y) * width, width);
-        take(into + x * width, step->travel[y], a + (AXES + z) * width, width);
+        const int64_t y = (x + 1) % AXES, z = (x + 2) % AXES;
+        double *const row = a + (AXES + x) * width;
+        const double *const of_y = a + y * width, *const of_z = a + z * width;
+        const double own = step->move[1][0][0], to_y = step->travel[y], to_z = step->travel[z];
+        ROLLED
+        for (int64_t l = 0; l < width; l++)
+            row[l] = own * row[l] + (to_y * of_z[l] - to_z * of_y[l]);
+    }
+    for (int64_t x = 0; x < AXES && step->move[0][0][0] != 1.0; x++)
+        times(a + x * width, step->move[0][0][0], width);
+}
+
+/* What `move` and `move_back` take of columns, of the state's own and of another: (m) each. */
+LOOPS_PART void shares_of(const Step *step, double *own, double *other, int64_t k)
+{
+    for (int64_t r = 0; r < POSE; r++) {
+        own[r] = step->move[r / AXES][0][0];
+        own[POSE + r] = k > 1 ? step->move[r / AXES][1][1] : 0.0;
+        other[r] = k > 1 ? step->move[r / AXES][0][1] : 0.0;
     }
 }
 
-/* Add F' A to ``into``. */
-LOOPS_PART void add_moved_back(const Step *step, const double *a, double *into, int64_t k,
-                               int64_t width)
+/* A F' of A (m, m) in place. */
+LOOPS_PART void move_columns(const Step *step, double *a, int64_t k)
 {
-    add_weighed(step->move, 1, a, into, k, width);
-    for (int64_t x = 0; x < AXES; x++) {
-        int64_t y = (x + 1) % AXES, z = (x + 2) % AXES;
-        add(into + (AXES + y) * width, step->travel[z], a + x * width, width);
-        take(into + (AXES + z) * width, step->travel[y], a + x * width, width);
+    const int64_t m = POSE * k;
+    const double *const t = step->travel;
+    double own[2 * POSE], other[POSE];
+    shares_of(step, own, other, k);
+    for (int64_t r = 0; r < m; r++) {
+        double *const row = a + r * m;
+        const double turned[AXES] = {t[2] * row[4] - t[1] * row[5], t[0] * row[5] - t[2] * row[3],
+                                     t[1] * row[3] - t[0] * row[4]};
+        for (int64_t q = 0; q < POSE; q++)
+            row[q] = own[q] * row[q] + (k > 1 ? other[q] * row[POSE + q] : 0.0);
+        for (int64_t q = POSE; q < m; q++)
+            row[q] *= own[q];
+        for (int64_t x = 0; x < AXES; x++)
+            row[x] += turned[x];
+    }
+}
+
+/* A F of A (m, m) in place. */
+LOOPS_PART void move_columns_back(const Step *step, double *a, int64_t k)
+{
+    const int64_t m = POSE * k;
+    const double *const t = step->travel;
+    double own[2 * POSE], other[POSE];
+    shares_of(step, own, other, k);
+    for (int64_t r = 0; r < m; r++) {
+        double *const row = a + r * m;
+        const double turned[AXES] = {t[1] * row[2] - t[2] * row[1], t[2] * row[0] - t[0] * row[2],
+                                     t[0] * row[1] - t[1] * row[0]};
+        for (int64_t q = POSE; q < m; q++)
+            row[q] = own[q] * row[q] + other[q - POSE] * row[q - POSE];
+        for (int64_t q = 0; q < POSE; q++)
+            row[q] *= own[q];
+        for (int64_t x = 0; x < AXES; x++)
+            row[AXES + x] += turned[x];
     }
 }
 
@@ -419,37 +471,57 @@ LOOPS_PART void update(const double *noise, const double *root, const double *ga
 LOOPS_PART void predict(const Step *step, double *known, double *x, int64_t k, int64_t lanes)
 {
     const int64_t m = POSE * k;
-    double moved[STATES * STATES], turned[STATES * STATES], went[STATES * MOST_LANES];
     double noise[2][COMPONENTS][COMPONENTS];
-    move(step, known, moved, k, m);
-    transpose(moved, turned, m);
-    move(step, turned, known, k, m);
+    move(step, known, k, m);
+    move_columns(step, known, k);
     memcpy(noise, step->noise, sizeof noise);
     add_groups(noise, known, k, m);
     symmetrise(known, m);
-    move(step, x, went, k, lanes);
-    memcpy(x, went, sizeof(double) * (size_t)(m * lanes));
+    move(step, x, k, lanes);
+}
+
+/* The upper triangle of normal (lanes, lanes), and what is beside its diagonal, grows by the products
+ * of rows (n, lanes) with themselves; LANES of its rows at a time, whose sums stay in registers. */
+LOOPS_PART void add_products(const double *rows, double *normal, int64_t n, int64_t lanes)
+{
+    for (int64_t first = 0; first < lanes; first += LANES) {
+        const int64_t wide = (lanes - first) / LANES;
+        Lanes sums[LANES][MOST_LANES / LANES];
+        for (int64_t l = 0; l < LANES; l++)
+            for (int64_t m = 0; m < wide; m++)
+                sums[l][m] = *(Lanes *)(normal + (first + l) * lanes + first + LANES * m);
+        for (int64_t i = 0; i < n; i++) {
+            const double *const row = rows + i * lanes + first;
+            for (int64_t l = 0; l < LANES; l++)
+                for (int64_t m = 0; m < wide; m++)
+                    sums[l][m] += row[l] * *(const Lanes *)(row + LANES * m);
+        }
+        for (int64_t l = 0; l < LANES; l++)
+            for (int64_t m = 0; m < wide; m++)
+                *(Lanes *)(normal + (first + l) * lanes + first + LANES * m) = sums[l][m];
+    }
 }
 
 LOOPS_PART int filter(const System *system, double *kept, double *normal, double *log_det,
                       int64_t room, int64_t k, int64_t lanes)
 {
-    const int64_t m = POSE * k, width = PADDED + m + lanes;
+    const int64_t m = POSE * k, begin = PADDED + (k > 1 ? STATES : PADDED), width = begin + lanes;
     const Places at = places_of(k, lanes);
     double known[STATES * STATES], x[STATES * MOST_LANES] = {0.0}, noise[POSE * POSE];
-    double rows[POSE * (PADDED + STATES + MOST_LANES)];
-    Logarithm determinant = {1.0, 0};
+    double rows[POSE * (PADDED + STATES + MOST_LANES)], white_rows[TOGETHER * POSE * MOST_LANES];
+    int64_t together = 0;
+    Logarithm determinant = {1.0, 0.0};
     first_known(system, known, k);
     memset(normal, 0, sizeof(double) * (size_t)(lanes * lanes));
     for (int64_t i = 0; i < system->count; i++) {
         double *pose = kept + i % room * at.size, *white = pose + at.white;
         noise_of(system, i, noise, POSE);
-        columns_of(system, i, rows + PADDED + m, lanes, width);
+        columns_of(system, i, rows + begin, lanes, width);
         if (i == 0 && is_flat(system)) {
             memset(pose, 0, sizeof(double) * (size_t)at.size);
             for (int64_t r = 0; r < POSE; r++) {
                 memcpy(known + r * m, noise + r * POSE, sizeof noise / POSE);
-                memcpy(x + r * lanes, rows + r * width + PADDED + m,
+                memcpy(x + r * lanes, rows + r * width + begin,
                        sizeof(double) * (size_t)lanes);
             }
         } else {
@@ -460,7 +532,9 @@ LOOPS_PART int filter(const System *system, double *kept, double *normal, double
                     row[q] = known[r * m + q] + noise[r * POSE + q];
                 row[POSE] = row[POSE + 1] = 0.0;
                 memcpy(row + PADDED, known + r * m, sizeof(double) * (size_t)m);
-                take(row + PADDED + m, 1.0, x + r * lanes, lanes);
+                for (int64_t q = PADDED + m; q < begin; q++)
+                    row[q] = 0.0;
+                take(row + begin, 1.0, x + r * lanes, lanes);
             }
             if (eliminate(rows, POSE, width, &determinant))
                 return 1;
@@ -468,10 +542,14 @@ LOOPS_PART int filter(const System *system, double *kept, double *normal, double
                 const double *row = rows + r * width;
                 memcpy(pose + r * POSE, row, sizeof(double) * POSE);
                 memcpy(pose + at.gain + r * m, row + PADDED, sizeof(double) * (size_t)m);
-                memcpy(white + r * lanes, row + PADDED + m, sizeof(double) * (size_t)lanes);
+                memcpy(white + r * lanes, row + begin, sizeof(double) * (size_t)lanes);
             }
-            for (int64_t l = 0; l < lanes; l++)
-                combine(ADD, normal + l * lanes, white + l, lanes, white, lanes, POSE, lanes);
+            memcpy(white_rows + together++ * POSE * lanes, white,
+                   sizeof(double) * (size_t)(POSE * lanes));
+            if (together == TOGETHER) {
+                add_products(white_rows, normal, together * POSE, lanes);
+                together = 0;
+            }
             update(noise, pose, pose + at.gain, white, known, x, k, lanes);
         }
         if (k > 1)
@@ -486,6 +564,10 @@ LOOPS_PART int filter(const System *system, double *kept, double *normal, double
             predict(&step, known, x, k, lanes);
         }
     }
+    add_products(white_rows, normal, together * POSE, lanes);
+    for (int64_t l = 0; l < lanes; l++)
+        for (int64_t q = 0; q < l; q++)
+            normal[l * lanes + q] = normal[q * lanes + l];
     *log_det = logarithm(&determinant);
     return !(*log_det <= DBL_MAX && *log_det >= -DBL_MAX);
 }
@@ -532,14 +614,11 @@ LOOPS_PART void pull_back(const Step *step, const Later *later, Later *back, int
                           int64_t lanes)
 {
     const int64_t m = POSE * k;
-    double moved[STATES * STATES], turned[STATES * STATES];
-    memset(back->score, 0, sizeof(double) * (size_t)(m * lanes));
-    memset(back->spread, 0, sizeof(double) * (size_t)(m * m));
-    memset(moved, 0, sizeof(double) * (size_t)(m * m));
-    add_moved_back(step, later->score, back->score, k, lanes);
-    add_moved_back(step, later->spread, moved, k, m);
-    transpose(moved, turned, m);
-    add_moved_back(step, turned, back->spread, k, m);
+    memcpy(back->score, later->score, sizeof(double) * (size_t)(m * lanes));
+    memcpy(back->spread, later->spread, sizeof(double) * (size_t)(m * m));
+    move_back(step, back->score, k, lanes);
+    move_back(step, back->spread, k, m);
+    move_columns_back(step, back->spread, k);
     symmetrise(back->spread, m);
 }
 
@@ -752,8 +831,8 @@ LOOPS_PART void smooth(const System *system, const double *kept, const double *e
         multiplied(rest, m, back->spread, both, POSE, m, m);
         for (int64_t r = 0; r < POSE; r++) {
             add(back->score + r * lanes, 1.0, score + r * lanes, lanes);
-            for (int64_t q = 0; q < POSE; q++)
-                back->spread[r * m + q] =
+            for (int64_t q = 0; q <= r; q++)
+                back->spread[r * m + q] = back->spread[q * m + r] =
                     rows[r * width + m + lanes + q] + dot(both + r * m, rest + q * m, m);
             for (int64_t q = POSE; q < m; q++)
                 back->spread[r * m + q] = back->spread[q * m + r] = both[r * m + q];
@@ -821,25 +900,24 @@ LOOPS_PART void step_on(const Slopes *slopes, const Step *step, int64_t i, const
                         const double *felt, const double *adjoint, double *apart, int64_t k)
 {
     const int64_t p = slopes->p, n = slopes->n, m = POSE * k;
-    double slope[2][COMPONENTS][COMPONENTS], moved[STATES * BOTH];
-    move(step, apart, moved, k, BOTH);
+    double slope[2][COMPONENTS][COMPONENTS];
+    move(step, apart, k, BOTH);
     for (int64_t j = 1; j < p; j++) {
         load(slopes->noise + 2 * k * k * n * j, i, n, k, slope);
         for (int64_t g = 0; g < 2; g++)
             for (int64_t c = 0; c < k; c++)
                 for (int64_t d = 0; d < k; d++)
                     for (int64_t x = 0; x < AXES; x++)
-                        moved[row_of(c, g, x) * BOTH + PARAMETERS * g + j] +=
+                        apart[row_of(c, g, x) * BOTH + PARAMETERS * g + j] +=
                             slope[g][c][d] * felt[m * i + row_of(d, g, x)];
     }
     load(slopes->move, i, n, k, slope);
     for (int64_t g = 0; g < 2; g++)
         for (int64_t c = 0; c < k; c++)
             for (int64_t x = 0; x < AXES; x++)
-                moved[row_of(c, g, x) * BOTH + PARAMETERS * g + p - 1] +=
+                apart[row_of(c, g, x) * BOTH + PARAMETERS * g + p - 1] +=
                     slope[g][c][k - 1] * states[m * i + row_of(k - 1, g, x)] +
                     step->noise[g][c][k - 1] * adjoint[POSE * (i + 1) + AXES * g + x];
-    memcpy(apart, moved, sizeof(double) * (size_t)(m * BOTH));
 }
 
 LOOPS_PART void average(const System *system, const double *kept, const Slopes *slopes,
@@ -925,7 +1003,7 @@ LOOPS_WIDE int band_positions(const double *columns, const double *covariance, c
     const int64_t begin = time > 0.0 ? 0 : 1, wide = 2 * AXES + c;
     double known[AXES * AXES] = {0.0}, states[AXES * MOST_LANES] = {0.0};
     double rows[AXES * (2 * AXES + MOST_LANES)];
-    Logarithm determinant = {1.0, 0};
+    Logarithm determinant = {1.0, 0.0};
     for (int64_t i = 0; i < count; i++) {
         double keep = time > 0.0 && i > 0 ? exp(-gaps[i - 1] / time) : 1.0;
         double added = time > 0.0 ? size : 0.0;
