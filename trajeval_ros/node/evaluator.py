@@ -243,7 +243,8 @@ class Evaluator(Node):
             self._on_diagnostics()
         if not self._is_behind:
             return self._batch_period
-        self._crowded_until = begin + _CROWDED
+        if any(source.is_behind for source in self._inputs):
+            self._crowded_until = begin + _CROWDED
         return 0.0
 
     @property
