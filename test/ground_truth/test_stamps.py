@@ -182,25 +182,55 @@ def test_few_segments_do_not_tell():
     assert stamp_noise([(times, x)] * 3, ACCURACY) == 0.0
 
 
-def test_bursts_are_the_same_in_any_batches():
+def bursts(taken, batch=40):
+    """What is named of samples whose intervals are a queue's, ``taken`` at so many (n,) s."""
     intervals = np.tile([0.04, 0.04, 0.04, 0.12, 2e-4, 2e-4], 20)
     stamps = START + np.cumsum(np.rint(1e9 * intervals)).astype(np.int64)
-    late = Samples(stamps, motion((stamps - START) * 1e-9))
-    found = set()
-    for batch in (1, 5, 40, 120):
-        faults = Faults()
-        screen = Screen((5e-4, 1e-3), faults)
-        for begin in range(0, len(late), batch):
-            screen.accept(late[begin : begin + batch])
-        screen.conclude()
-        found.add(faults.found)
-    (named,) = found
-    assert [fault.code for fault in named] == ["stamp_bursts"]
+    times = (stamps - START) * 1e-9 if taken is None else taken(len(stamps))
+    late = Samples(stamps, motion(times))
+    faults = Faults()
+    screen = Screen((5e-4, 1e-3), faults)
+    for begin in range(0, len(late), batch):
+        screen.accept(late[begin : begin + batch])
+    screen.conclude()
+    return faults.found
+
+
+def evenly(count):
+    return 0.04 * np.arange(count)
+
+
+@pytest.mark.parametrize("batch", [1, 5, 120])
+def test_bursts_are_the_same_in_any_batches(batch):
+    (named,) = bursts(evenly, batch)
+    assert named.code == "stamp_bursts"
+    assert (named,) == bursts(evenly)
+
+
+@pytest.mark.parametrize("taken", [None, np.zeros])
+def test_bursts_are_named_where_the_poses_say_that_stamps_are_of_arrival(taken):
+    """Not where samples were taken in bursts, nor of a robot that stands."""
+    assert bursts(taken) == ()
+
+
+@pytest.mark.parametrize("kind", ["drive", "spin", "hand", "aggressive"])
+@pytest.mark.parametrize(("rate", "noise"), [(10, 3e-4), (50, 3e-3), (150, 1e-3)])
+def test_right_stamps_at_random_times_are_no_fault(kind, rate, noise):
+    rng = np.random.default_rng(rate)
+    profile = Profile(rng, (kind, 45))
+    times = 0.5 + np.cumsum(rng.exponential(1.0 / rate, 44 * rate) + 1e-4)
+    times = times[times < 44.0]
+    engine = Engine({})
+    engine.add_ground_truth(samples(times, noisy(rng, profile.at(times), noise, 1.7 * noise)))
+    engine.finish()
+    found = engine.summary()["ground_truth"]
+    assert [fault for fault in found["faults"] if fault["code"].startswith("stamp")] == []
+    assert found["fit"]["stamp_std"] == 0.0
 
 
 @pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
 @given(
-    count=st.integers(3, 60),
+    count=st.integers(5, 60),
     group=st.integers(0, 1),
     rest=st.sampled_from([0.0, 0.5, 1.0]),
     noise=st.sampled_from([0.0, 1e-3]),

@@ -109,6 +109,11 @@ def test_a_thinned_recording_against_itself(
         reason = "errs by more than the noise learned in the end"
         request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
     translation, rotation = noise(summary)
+    # And what its stamp is uncertain by, at the speed that it has.
+    moved = np.linalg.norm(np.diff(samples.positions, axis=0), axis=1)
+    speed = np.sqrt(np.mean((moved / (1e-9 * np.diff(samples.stamps))) ** 2))
+    fit = summary["ground_truth"]["fit"]  # none of too few samples
+    translation = np.hypot(translation, (fit["stamp_std"] if fit else 0.0) * speed)
     figures = summary["conventional"]
     # Rare samples leave the noise and the motion between them in one: a few millimetres.
     least = 1e-3 if rate > 2.0 else 4e-3

@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth import jumps
+from trajeval_ros.ground_truth.bursts import Bursts
 from trajeval_ros.ground_truth.faults import Faults
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.ticks import middle, middles
@@ -79,8 +80,6 @@ _LEFT = 4.0
 _TIMES_OFF, _OFF = 2.0, 8
 # So many samples are looked at in one go: those after a suspicious one are looked at again.
 _AT_ONCE = 1024
-# Stamps of arrival: an interval so much shorter than usual after one so much longer.
-_BURST, _LATE = 0.2, 1.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +128,7 @@ class Screen:
         self._accuracy = np.array(accuracy)
         self._least, self._least_jump = _TIMES_ACCURACY * self._accuracy, _JUMP * accuracy[0]
         self._faults = faults
+        self._bursts = Bursts(faults)
         self._before: Samples | None = None  # the last few that were let through
         self._memory = jumps.Memory()
         self._jump: jumps.Jump | None = None
@@ -213,7 +213,7 @@ class Screen:
         if not self._places and len(samples):
             self._places.append(_Place(samples.poses[0], np.eye(4), np.eye(4)))
         if before is not None:
-            self._count_bursts(np.concatenate([before.stamps, samples.stamps]), len(samples))
+            self._bursts.look(before + samples, len(samples))
         if before is None or len(samples) >= most:
             known = samples[max(len(samples) - most, 0) :]
         else:
@@ -223,23 +223,6 @@ class Screen:
         self._faults.passed += len(samples)
         poses = known.poses[-2:]
         self._resting = len(poses) == 2 and self._resting and not _apart(poses[:1], poses[1:]).any()
-
-    def _count_bursts(self, stamps: npt.NDArray[np.int64], new: int) -> None:
-        intervals = stamps[1:] - stamps[:-1]
-        old = max(len(intervals) - new, _FEWEST_STEPS)
-        new = len(intervals) - old
-        if new <= 0:
-            return
-        after, before = intervals[-new:], intervals[-new - 1 : -1]
-        # What is usual costs more than the rest, and is no longer than the longest.
-        if not after.min() < _BURST * intervals.max():
-            return
-        padded = np.concatenate([np.full(_USUAL_STEPS, np.nan), intervals])
-        windows = np.lib.stride_tricks.sliding_window_view(padded[:-1], _USUAL_STEPS)[old:]
-        usual = np.nanmedian(windows, axis=1)
-        burst = (after < _BURST * usual) & ((before > _LATE * usual) | (before < _BURST * usual))
-        for stamp in stamps[-new:][burst].tolist():
-            self._faults.add("stamp_bursts", stamp, stamp)
 
     def _unsuspicious(self, pending: Samples) -> tuple[int, bool]:
         """Number of samples before the first suspicious one, and whether that one repeats."""

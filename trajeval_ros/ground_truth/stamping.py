@@ -197,11 +197,6 @@ class Stamping:
         period = self._clock.period
         return period is not None and self._clock.sums.tells(period)
 
-    @property
-    def is_right(self) -> bool:
-        """Whether the poses say that irregular stamps are right."""
-        return self.is_regular and self._balance < -_CLEAR
-
     def faults(self, stamp_std: float, repeated: float) -> tuple[Fault, ...]:
         """What is wrong with the stamps.
 

@@ -4,16 +4,17 @@
 
 A driver that stamps on arrival jitters: a sample stamped t was taken at t - ε, ``ε ~ N(0, σ_t²)``,
 and lies off by ``ẋ ε``, along the motion and nowhere else. That tells it from all other noise. Of
-the residual from the straight line between the neighbours,
+the residual from the cubic through two neighbours on either side,
 
-    r_k = x_k - a_k x_(k-1) - b_k x_(k+1),  a_k = (t_(k+1) - t_k) / (t_(k+1) - t_(k-1)) = 1 - b_k,
+    r_k = s_k (x_k - Σ_j w_kj x_(k+j)),  j = ±1, ±2,  s_k² (1 + Σ_j w_kj²) = 1,
 
 two that follow each other have, of stamps and of white noise n, the covariance
 
-    E[r_k r_(k+1)] = -(a_(k+1) + b_k) (σ_t² ẋ² + n²)   along the motion, and without σ_t across,
+    E[r_k r_(k+1)] = -c_k (σ_t² ẋ² + n²)   along the motion, and without σ_t across,
 
-while the curvature of the motion, where the samples follow it, has a positive one
-(``docs/method.md``).
+    c_k = s_k s_(k+1) (w_k1 + w_(k+1),-1 - w_k,-1 w_(k+1),-2 - w_k2 w_(k+1),1),
+
+while motion that a cubic does not follow has a positive one (``docs/method.md``).
 """
 
 from __future__ import annotations
@@ -66,6 +67,8 @@ _DIFFERENT = 0.01
 _CLIPPED = 25.0
 # Velocities are those between so many samples before and after.
 _REACH = 8
+# The neighbours that a cubic goes through.
+_NEAR = (-2, -1, 1, 2)
 
 
 def slopes(times: Array, coordinates: Array, first: int) -> Array:
@@ -210,6 +213,8 @@ class _Found(NamedTuple):
 def _found(segments: Sequence[tuple[Array, Array]]) -> _Found:
     """Of ``times`` (n,) and a group's coordinates (n, 3) of each segment."""
     excess, squares, counts, across = np.array([neighbours(*each) for each in segments]).T
+    # Motion that bends aside is no noise across, which along the motion there were more than of.
+    excess += np.minimum(across, 0.0)
     if not squares.sum() > 0.0 or not excess.sum() > max(across.sum(), 0.0):
         return _Found(0.0, 0.0, 0.0)
     variance = float(excess.sum() / squares.sum())
@@ -236,15 +241,14 @@ def neighbours(times: Array, x: Array) -> tuple[float, float, float, float]:
     """The excess along the motion, the squared speeds beside it, their number; what is across."""
     if loops.there():
         reach = min(_REACH, (len(times) - 1) // 2)
-        found, work = np.empty(4), np.empty(10 * len(times))
+        found, work = np.empty(4), np.empty(14 * len(times))
         place, wide, _ = loops.strided(x)
         loops.call(
             "stamp_sums", loops.doubles(times), place, wide, len(x), reach, _CLIPPED, work, found
         )
         excess, squares, count, lateral = found.tolist()
         return excess, squares, count, lateral
-    along, across, speed, before = _residuals(times, x)
-    weight = before[1:] + 1.0 - before[:-1]
+    along, across, speed, weight = _residuals(times, x)
     sideways = 0.5 * (across[:-1] * across[1:]).sum(axis=1)
     products = along[:-1] * along[1:] - sideways
     moving = (speed[:-1] > 0.0) & (speed[1:] > 0.0) & (weight > 0.0)
@@ -258,26 +262,29 @@ def neighbours(times: Array, x: Array) -> tuple[float, float, float, float]:
 
 
 class _Residuals(NamedTuple):
-    """Those of a segment's inner samples from the line between their neighbours.
+    """Those of a segment's inner samples from the cubic through their neighbours.
 
-    ``along`` the motion (n,) and ``across`` it (n, 3); ``speed`` (n,) of the motion; ``before``
-    (n,): the weight of the neighbour before.
+    ``along`` the motion (n,) and ``across`` it (n, 3); ``speed`` (n,) of the motion; ``weight``
+    (n - 1,): what of white noise two that follow each other share, with the other sign.
     """
 
     along: Array
     across: Array
     speed: Array
-    before: Array
+    weight: Array
 
 
 def _residuals(times: Array, x: Array) -> _Residuals:
-    """Of a group's coordinates x (n + 2, 3)."""
-    whole = times[2:] - times[:-2]
-    before = (times[2:] - times[1:-1]) / whole
-    after = 1.0 - before
-    residual = x[1:-1] - before[:, None] * x[:-2] - after[:, None] * x[2:]
+    """Of a group's coordinates x (n + 4, 3)."""
+    index = np.arange(2, len(times) - 2)
+    near = index[:, None] + np.array(_NEAR)
+    apart = times[near] - times[index, None]
+    shares = np.stack([_share(apart, j) for j in range(len(_NEAR))], axis=1)
+    scale = 1.0 / np.sqrt(1.0 + (shares**2).sum(axis=1))
+    residual = (x[index] - (shares[:, :, None] * x[near]).sum(axis=1)) * scale[:, None]
+    one, next_one = shares[:-1].T, shares[1:].T
+    weight = one[2] + next_one[1] - one[1] * next_one[0] - one[3] * next_one[2]
     reach = min(_REACH, (len(times) - 1) // 2)
-    index = np.arange(1, len(times) - 1)
     low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(times) - 1)
     velocity = (x[high] - x[low]) / (times[high] - times[low])[:, None]
     speed = np.linalg.norm(velocity, axis=1)
@@ -286,4 +293,11 @@ def _residuals(times: Array, x: Array) -> _Residuals:
     size = np.linalg.norm(residual, axis=1)
     residual *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))[:, None]
     along = (residual * direction).sum(axis=1)
-    return _Residuals(along, residual - along[:, None] * direction, speed, before)
+    across = residual - along[:, None] * direction
+    return _Residuals(along, across, speed, weight * scale[:-1] * scale[1:])
+
+
+def _share(apart: Array, j: int) -> Array:
+    """Of the neighbour j in the cubic's value at zero; (n,). ``apart`` (n, 4): where they are."""
+    others = [i for i in range(len(_NEAR)) if i != j]
+    return np.asarray(np.prod([apart[:, i] / (apart[:, i] - apart[:, j]) for i in others], axis=0))

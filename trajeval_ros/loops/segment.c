@@ -46,29 +46,40 @@ static double median(double *values, int64_t n)
     return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
 }
 
-/* Of times (n,) and three coordinates x (n, 3), `wide` numbers from row to row, n >= 3: the excess
+/* Of times (n,) and three coordinates x (n, 3), `wide` numbers from row to row, n >= 5: the excess
  * along the motion, the squared speeds beside it, their number, and what is across: found (4). Single
  * residuals count as no more than sqrt(clipped) times the median of their squares; velocities are
- * those between so many samples before and after at most. work (10 n). */
+ * those between so many samples before and after at most. work (14 n). */
 int stamp_sums(const double *times, const double *x, int64_t wide, int64_t n, int64_t reach,
                double clipped, double *work, double *found)
 {
-    const int64_t m = n - 2;
-    double *shares = work, *speeds = shares + m, *along = speeds + m, *across = along + m;
-    double *residuals = across + 3 * m, *squares = residuals + 3 * m;
+    static const int64_t near[4] = {-2, -1, 1, 2};
+    const int64_t m = n - 4;
+    double *shares = work, *scales = shares + 4 * m, *speeds = scales + m, *along = speeds + m;
+    double *across = along + m, *residuals = across + 3 * m, *squares = residuals + 3 * m;
     for (int64_t k = 0; k < m; k++) {
-        const double *rows = x + k * wide, *here = rows + wide;
-        shares[k] = (times[k + 2] - times[k + 1]) / (times[k + 2] - times[k]);
-        for (int64_t j = 0; j < 3; j++)
-            residuals[3 * k + j] =
-                here[j] - shares[k] * rows[j] - (1.0 - shares[k]) * rows[2 * wide + j];
-        const double *r = residuals + 3 * k;
+        const double *here = x + (k + 2) * wide, *time = times + k + 2;
+        double *share = shares + 4 * k, *r = residuals + 3 * k, size = 1.0;
+        for (int64_t j = 0; j < 4; j++) {
+            share[j] = 1.0;
+            for (int64_t i = 0; i < 4; i++)
+                if (i != j)
+                    share[j] *= (time[near[i]] - time[0]) / (time[near[i]] - time[near[j]]);
+            size += share[j] * share[j];
+        }
+        scales[k] = 1.0 / sqrt(size);
+        for (int64_t c = 0; c < 3; c++) {
+            double value = 0.0;
+            for (int64_t j = 0; j < 4; j++)
+                value += share[j] * here[near[j] * wide + c];
+            r[c] = (here[c] - value) * scales[k];
+        }
         squares[k] = r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
     }
     const double limit = sqrt(clipped * median(squares, m));
     for (int64_t k = 0; k < m; k++) {
-        const int64_t low = k + 1 > reach ? k + 1 - reach : 0;
-        const int64_t high = k + 1 + reach < n ? k + 1 + reach : n - 1;
+        const int64_t low = k + 2 > reach ? k + 2 - reach : 0;
+        const int64_t high = k + 2 + reach < n ? k + 2 + reach : n - 1;
         double velocity[3], *r = residuals + 3 * k;
         for (int64_t j = 0; j < 3; j++)
             velocity[j] = (x[high * wide + j] - x[low * wide + j]) / (times[high] - times[low]);
@@ -87,8 +98,10 @@ int stamp_sums(const double *times, const double *x, int64_t wide, int64_t n, in
     for (int64_t i = 0; i < 4; i++)
         found[i] = 0.0;
     for (int64_t k = 0; k + 1 < m; k++) {
-        const double *a = across + 3 * k, weight = shares[k + 1] + (1.0 - shares[k]);
+        const double *a = across + 3 * k, *one = shares + 4 * k, *next = one + 4;
         const double lateral = 0.5 * (a[0] * a[3] + a[1] * a[4] + a[2] * a[5]);
+        double weight = one[2] + next[1] - one[1] * next[0] - one[3] * next[2];
+        weight *= scales[k] * scales[k + 1];
         if (!(speeds[k] > 0.0 && speeds[k + 1] > 0.0 && weight > 0.0))
             continue;
         found[0] -= along[k] * along[k + 1] - lateral;

@@ -162,8 +162,6 @@ class Reference:
         repeated = account.count(Reason.DUPLICATE_STAMP) / max(account.received, 1)
         of_stamps = self._stamping.faults(0.0 if fit is None else fit.stamp_std, repeated)
         found = {fault.code: fault for fault in (*self._faults.found, *of_stamps)}
-        if self._stamping.is_right:
-            found.pop("stamp_bursts", None)
         return tuple(found[code] for code in EXPLANATIONS if code in found)
 
     def faulty(self) -> tuple[Notice, ...]:
