@@ -20,10 +20,10 @@ STD = np.array([1e-3, 1e-5, 5e-3, 4e-3, 6e-3, 2e-3, 3e-3, 1e-3, 1e-3])
 TRUE = Nuisances(0.02, 3e-5, se3.exp(np.array([0.1, -0.05, 0.2, 0.02, 0.01, -0.03])), 1.02)
 
 
-def model(rng, seconds, kind=Kind.DRIFT, **more):
+def model(rng, seconds, kind=Kind.DRIFT, std=STD, apart=1.0, **more):
     """One of a block whose middle is so many seconds after the run's first one's."""
-    root = np.diag(STD) @ np.linalg.qr(rng.normal(size=(9, 9)))[0] * rng.uniform(0.5, 2.0)
-    off = root @ rng.normal(size=9)
+    root = np.diag(std) @ np.linalg.qr(rng.normal(size=(9, 9)))[0] * rng.uniform(0.5, 2.0)
+    off = apart * root @ rng.normal(size=9)
     offset = TRUE.clock_offset + TRUE.clock_rate * seconds
     sizes = rng.lognormal(np.log(0.01), 0.2, (2, len(kind.names)))
     groups = {
@@ -47,9 +47,11 @@ def blocks(models, every=20):
     return found
 
 
-def test_they_are_the_least_squares_of_all():
+@pytest.mark.parametrize(("sharper", "tolerance"), [(1.0, 1e-9), (1e6, 1e-6)])
+def test_they_are_the_least_squares_of_all(sharper, tolerance):
+    # A clock known to a nanosecond goes off by milliseconds: what they scatter by is there still.
     rng = np.random.default_rng(1)
-    models = [model(rng, 20.0 * i) for i in range(30)]
+    models = [model(rng, 20.0 * i, std=STD / sharper, apart=2.0) for i in range(30)]
     run = blocks(models).together()
     # Every block's nuisances as rows about the first's, the clock about the middle of the run.
     rows, right, reference = [], [], models[0].nuisances
@@ -68,10 +70,11 @@ def test_they_are_the_least_squares_of_all():
     np.testing.assert_allclose(run.nuisances.vector, expected.vector, rtol=1e-9, atol=1e-12)
     larger = max(left / (9 * 29), 1.0)
     np.testing.assert_allclose(
-        run.std, np.sqrt(larger * np.diag(np.linalg.inv(rows.T @ rows))), rtol=1e-9
+        run.std, np.sqrt(larger * np.diag(np.linalg.inv(rows.T @ rows))), rtol=tolerance
     )
     there = replace(TRUE, clock_offset=TRUE.clock_offset + TRUE.clock_rate * 290.0)
     assert (np.abs(run.nuisances.vector - there.vector) < 4.0 * run.std).all()
+    assert larger > 2.0
     poses = np.array([each.poses for each in models])
     assert run.poses == poses.sum()
     share = poses / poses.sum()

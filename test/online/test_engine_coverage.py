@@ -75,6 +75,17 @@ def test_the_same_without_loops():
     np.testing.assert_allclose(ways[0].lengths, ways[1].lengths, rtol=1e-12)
 
 
+@pytest.mark.parametrize("without", [contextlib.nullcontext, loops.left_out])
+def test_a_step_beyond_all_numbers_is_counted(without):
+    odometer = Odometer(5e-4, 64)
+    with without():
+        odometer.add(
+            np.arange(3), np.array([[0.0, 0.0, 0.0], [1e200, 0.0, 0.0], [1e200, 1.0, 0.0]])
+        )
+    assert odometer.length == np.inf
+    assert list(odometer.way().stamps) == [0, 1, 2]
+
+
 def found(keep):
     """The figures for an estimate at 20 Hz, of which those are there that `keep` says."""
     stamps, positions = circle()

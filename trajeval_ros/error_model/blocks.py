@@ -93,8 +93,9 @@ class Blocks:
 
     begin, end: stamps of the run's first and last pose, ns. middle: the stamp (ns) to which what is
     said of the clock is related, that of the first block, and reference its nuisances. information,
-    moments, squares: of the least squares of the nuisances' steps from there, (9, 9), (9,), and
-    their χ² about no step. means: chi2_per_dof and whiteness, by poses.
+    moments: of the least squares of the nuisances' steps from there, (9, 9), (9,); left: their χ²,
+    that of each block's about those before it: about no step a clock that drifts for a day has one
+    that leaves no digit for what blocks scatter by. chi2, whiteness: sums by poses.
     """
 
     count: int = 0
@@ -104,7 +105,7 @@ class Blocks:
     reference: Nuisances = field(default_factory=Nuisances.none)
     information: Array = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
     moments: Array = field(default_factory=lambda: np.zeros(COUNT))
-    squares: float = 0.0
+    left: float = 0.0
     poses: int = 0
     log_likelihood: float = 0.0
     uncorrected: float = 0.0
@@ -121,7 +122,7 @@ class Blocks:
         """And of another one, later than all before, from ``begin`` to ``end`` (ns)."""
         middle, poses, found = 0.5 * (begin + end), model.poses, model.nuisances
         here = self if self.count else replace(self, begin=begin, middle=middle, reference=found)
-        information, moments, squares = here._squares(middle, model)
+        information, moments, left = here._squares(middle, model)
         mine, kind = _Figures.of(model), model.kind
         figures = here.figures[kind] + mine if kind in here.figures else mine
         before = here.alternatives if here.count else dict.fromkeys(model.alternatives, 0.0)
@@ -135,7 +136,7 @@ class Blocks:
             end=end,
             information=here.information + information,
             moments=here.moments + moments,
-            squares=here.squares + squares,
+            left=here.left + left,
             poses=here.poses + poses,
             log_likelihood=here.log_likelihood + model.log_likelihood,
             uncorrected=here.uncorrected + model.uncorrected,
@@ -164,7 +165,12 @@ class Blocks:
         design = _later(middle - self.middle)
         weight = np.linalg.inv(model.covariance)
         weighted = design.T @ weight
-        return weighted @ design, weighted @ step, float(step @ weight @ step)
+        if not self.count:
+            return weighted @ design, weighted @ step, 0.0
+        known = np.linalg.inv(self.information)
+        off = step - design @ (known @ self.moments)
+        spread = model.covariance + design @ known @ design.T
+        return weighted @ design, weighted @ step, float(off @ np.linalg.solve(spread, off))
 
     def together(self) -> ErrorModel | None:
         """One model of all; None of none.
@@ -201,8 +207,7 @@ class Blocks:
         covariance = np.linalg.inv(self.information)
         delta = covariance @ self.moments
         if self.count > 1:
-            left = self.squares - float(self.moments @ delta)
-            covariance = covariance * max(left / (COUNT * (self.count - 1)), 1.0)
+            covariance = covariance * max(self.left / (COUNT * (self.count - 1)), 1.0)
         there = _later(0.5 * (self.begin + self.end) - self.middle)
         covariance = there @ covariance @ there.T
         moved = replace(self.reference, clock_rate=0.0).moved(there @ delta)

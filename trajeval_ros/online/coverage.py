@@ -118,7 +118,9 @@ def _steps_in_numpy(positions: Array, step: float, anchor: Array) -> tuple[Stamp
     chosen, away = [], []
     x, y, z = anchor.tolist()
     for number, (u, v, w) in enumerate(positions.tolist()):
-        distance = math.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
+        # A power of a float that is too large raises, a product is infinite, as in C.
+        a, b, c = u - x, v - y, w - z
+        distance = math.sqrt(a * a + b * b + c * c)
         if distance > step:
             chosen.append(number)
             away.append(distance)
