@@ -11,7 +11,7 @@ from twins.runs import SECOND, START, motion, samples
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.feed import feed
 from trajeval_ros.online.parameters import complete
-from trajeval_ros.report import Report
+from trajeval_ros.report import Report, answers
 from trajeval_ros.report.run import Run
 from trajeval_ros.report.series import make_series
 from trajeval_ros.report.words import verdict
@@ -53,3 +53,11 @@ def test_an_assumed_accuracy_is_said_as_assumed(noise: float, assumed: bool) -> 
     found = evaluated(noise)
     said = verdict(found, make_series(found))
     assert ("set ground_truth.translation_std" in said) == assumed
+
+
+def test_what_is_applied_names_what_is_left():
+    def left(*doubted):
+        return answers.applied_line({}, {}, (), doubted)
+
+    assert left("scale") == "Applied       nothing: scale, within doubt, left as it was"
+    assert left("mounting", "scale").endswith("mounting, scale, within doubt, left as they were")

@@ -1,7 +1,7 @@
 /* Copyright 2026 The trajeval_ros authors
  * SPDX-License-Identifier: Apache-2.0
  *
- * Rows of `files/output.py`: each number as the shortest text that reads back as the same, Python's
+ * Rows of `files/columns.py`: each number as the shortest text that reads back as the same, Python's
  * repr. After R. Giulietti, "The Schubfach way to render doubles", 2021; figures in comments are
  * its. Where a compiler knows no integers of 128 bits nothing is written.
  */

@@ -421,7 +421,8 @@ def applied_line(
 
     ``names``: of what was set; ``doubted``: of what was to be, and is within doubt.
     """
-    left = f"{' and '.join(doubted)}, within doubt, left as it was" if doubted else ""
+    are = "it was" if len(doubted) == 1 else "they were"
+    left = f"{', '.join(doubted)}, within doubt, left as {are}" if doubted else ""
     if not names:
         return f"Applied       nothing: {left}"
     changes = []
