@@ -41,7 +41,8 @@ _ERROR_MODEL = f"""
 {_BOTH}.{{long,short}}_run_drift.{_VALUE} {_BOTH}.long_run_drift_by_distance.{_VALUE}
 {{clock_offset,clock_rate,scale}}.{_VALUE} clock_offset_by.{_BOTH}.{_VALUE}
 stamp_std.{_VALUE} stamp_nats stamp_errors.{_BOTH}
-extrinsic.{_BOTH}.{_XYZ} extrinsic.{{length,angle}}.{_VALUE} extrinsic.pose.*
+extrinsic.{_BOTH}.{_XYZ} extrinsic.{{length,angle}}.{_VALUE}
+extrinsic.{{length,angle}}_nats extrinsic.pose.*
 covariance.*.* nats_per_pose_of.{{drift,velocity,wander}}
 whiteness.{_BOTH}.* jumps.*.{{stamp,translation,rotation}} unobserved.*
 clock_changes.*.{{begin,end,before,after,std}} clock_stretches.*.{{begin,end,offset,std}}
