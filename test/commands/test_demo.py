@@ -230,3 +230,25 @@ def test_bad_files_are_refused_before_anything_starts(tmp_path: Path) -> None:
     result = run("demo", "--ground-truth", "a.txt", "--estimate", "b.txt", cwd=tmp_path)
     assert result.returncode == 1
     assert result.stderr == "demo: error: a.txt: it cannot be read: no such file or directory\n"
+
+
+def test_an_interruption_that_rclpy_makes_another_error_of_is_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def takes_a_message(arguments: object) -> int:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise RuntimeError("Unable to convert call argument") from error
+        return 0
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    monkeypatch.setattr(demo, "demo", takes_a_message)
+    monkeypatch.setattr(demo, "_interruptions", [])
+    try:
+        assert demo.main([]) == 130
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert "interrupted" in capsys.readouterr().err

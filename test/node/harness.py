@@ -286,10 +286,26 @@ class Graph:
     def call(self, service: str) -> Trigger.Response:
         client = self.node.create_client(Trigger, service)
         self.until(client.service_is_ready, service)
-        future = client.call_async(Trigger.Request())
-        self.until(future.done, f"an answer of {service}")
+        answer = self.answer(client, Trigger.Request(), service)
         self.node.destroy_client(client)
-        return future.result()
+        return answer
+
+    def answer(self, client: Any, request: Any, service: str) -> Any:
+        """Ask, and ask again: an answer is lost while the client is not known to the server yet."""
+        futures: list[Any] = []
+
+        def answered() -> Any:
+            if not futures or time.monotonic() > asked + PATIENCE / 4:
+                ask()
+            return next((future for future in futures if future.done()), None)
+
+        def ask() -> None:
+            nonlocal asked
+            asked = time.monotonic()
+            futures.append(client.call_async(request))
+
+        asked = 0.0
+        return self.until(answered, f"an answer of {service}").result()
 
     def set_parameter(self, name: str, value: Any, node: str = "/evaluator") -> Any:
         """Set a parameter of the node from outside; return SetParametersResult."""
@@ -307,10 +323,10 @@ class Graph:
         messages = [
             Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
         ]
-        future = client.call_async(SetParametersAtomically.Request(parameters=messages))
-        self.until(future.done, "an answer of set_parameters")
+        request = SetParametersAtomically.Request(parameters=messages)
+        answer = self.answer(client, request, "set_parameters")
         self.node.destroy_client(client)
-        return future.result().result
+        return answer.result
 
 
 def values_of(status: Any) -> dict[str, str]:

@@ -321,9 +321,7 @@ def test_the_default_file_and_a_dump_reproduce_the_parameters(graph: Graph, tmp_
     def ask(kind: type, service: str, request: object) -> object:
         client = graph.node.create_client(kind, service)
         graph.until(client.service_is_ready, service)
-        future = client.call_async(request)
-        graph.until(future.done, service)
-        return future.result()
+        return graph.answer(client, request, service)
 
     def dump(node: str) -> dict:
         names = ask(ListParameters, f"{node}/list_parameters", ListParameters.Request())

@@ -38,6 +38,8 @@ _READY_PATIENCE = 30.0
 _SETTLE_PATIENCE = 30.0
 _SHUTDOWN_PATIENCE = 60.0
 
+_interruptions: list[int] = []
+
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
@@ -79,16 +81,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("give both --ground-truth and --estimate, or neither")
     # `make` and service managers send SIGTERM, a terminal that is closed SIGHUP (not under nohup);
     # the children end with us either way.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _note)
     signal.signal(signal.SIGTERM, _interrupt)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, _interrupt)
-    return console.run(lambda: demo(arguments), "demo")
+    return console.run(lambda: _told(arguments), "demo")
+
+
+def _told(arguments: argparse.Namespace) -> int:
+    """The demo; rclpy may make another error of an interruption while it takes a message."""
+    try:
+        return demo(arguments)
+    except RuntimeError as error:
+        if _interruptions:
+            raise KeyboardInterrupt from error
+        raise
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> Any:
     # A second one must not disturb the children's end: shell and kernel both send SIGHUP.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    _note(signum, frame)
+
+
+def _note(signum: int, frame: FrameType | None) -> Any:
+    _interruptions.append(signum)
     raise KeyboardInterrupt
 
 

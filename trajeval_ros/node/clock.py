@@ -59,6 +59,7 @@ class _Topic:
     latest: int | None = None
     behind: int = 0
     jumped: bool = False
+    begun: int = 0  # how many have come since it jumped back
     began: int = 0
 
     @property
@@ -77,6 +78,7 @@ class _Topic:
         reached = known[-2] if len(known) > 1 else known[-1]
         self.newest = reached if self.newest is None else max(self.newest, reached)
         self.latest, self.behind = known[-1], 0
+        self.begun = self.begun + len(stamps) if self.jumped else 0
 
     def take(self, stamp: int) -> None:
         if self.newest is not None and stamp < self.newest - JUMP:
@@ -84,9 +86,11 @@ class _Topic:
             in_order = self.behind == 0 or self.latest is None or stamp >= self.latest - JUMP
             self.behind = self.behind + 1 if in_order else 0
             self.began = stamp if self.behind <= 1 and not self.jumped else self.began
+            self.begun = self.begun + 1 if self.jumped else self.behind
             self.jumped = self.jumped or self.behind >= _CONFIRMATIONS
         else:
             self.behind = 0
+            self.begun = self.begun + 1 if self.jumped else 0
             reached = stamp if self.latest is None else min(stamp, self.latest)
             self.newest = reached if self.newest is None else max(self.newest, reached)
         self.latest = stamp
@@ -136,6 +140,10 @@ class JumpDetector:
         return any(topic.jumped for topic, _ in spoken) and all(
             topic.jumped or silence > _SILENCE for topic, silence in spoken
         )
+
+    def begun(self, topic: int) -> int:
+        """How many of the newest stamps are of a run that has begun."""
+        return self._topics[topic].begun
 
     def forget_stamps(self) -> None:
         """A new run has begun."""

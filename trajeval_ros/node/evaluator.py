@@ -415,9 +415,24 @@ class Evaluator(Node):
             arrived, left_over = self._sieved(self._sieve, arrived)
             self._monitor.note_left_over(sum(len(each) for each in left_over if each is not None))
             self._sieve = self._sieve if self._sieve.active(time.monotonic()) else None
-        self._feed(arrived, now)
         if self._jumps.stamps_jumped():
+            arrived, before = self._parted(arrived)
+            self._feed(before, now)
             self._start_over("the stamps jumped back")
+            for topic, samples in enumerate(arrived):
+                if samples is not None:
+                    self._jumps.stamps(topic, samples.stamps)
+        self._feed(arrived, now)
+
+    def _parted(self, arrived: _Arrived) -> tuple[_Arrived, _Arrived]:
+        """What belongs to the run that begins where stamps jumped back, and what came before."""
+        new: _Arrived = [None] * len(arrived)
+        old: _Arrived = [None] * len(arrived)
+        for topic, samples in enumerate(arrived):
+            if samples is not None:
+                last = np.arange(len(samples)) >= len(samples) - self._jumps.begun(topic)
+                new[topic], old[topic] = _where(samples, last), _where(samples, ~last)
+        return new, old
 
     @staticmethod
     def _sieved(sieve: LeftOver, arrived: _Arrived) -> tuple[_Arrived, _Arrived]:
