@@ -141,9 +141,9 @@ class JumpDetector:
             topic.jumped or silence > _SILENCE for topic, silence in spoken
         )
 
-    def begun(self, topic: int) -> int:
-        """How many of the newest stamps are of a run that has begun."""
-        return self._topics[topic].begun
+    def split(self, topic: int, stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Mask, of a topic's newest stamps, those from before the run that has begun."""
+        return np.arange(len(stamps)) < len(stamps) - self._topics[topic].begun
 
     def forget_stamps(self) -> None:
         """A new run has begun."""

@@ -408,15 +408,15 @@ class Evaluator(Node):
         arrived = [self._take(source, topic) for topic, source in enumerate(self._inputs)]
         if jumped is not None and now is not None and self.follows_clock:
             self._sieve = LeftOver(now, jumped, time.monotonic(), len(arrived))
-            arrived, before = self._sieved(self._sieve, arrived)
+            arrived, before = self._parted(self._sieve, arrived)
             self._feed(before, now)
             self._start_over(f"/clock jumped back by {jumped / 1e9:.1f} s")
         elif self._sieve is not None:
-            arrived, left_over = self._sieved(self._sieve, arrived)
+            arrived, left_over = self._parted(self._sieve, arrived)
             self._monitor.note_left_over(sum(len(each) for each in left_over if each is not None))
             self._sieve = self._sieve if self._sieve.active(time.monotonic()) else None
         if self._jumps.stamps_jumped():
-            arrived, before = self._parted(arrived)
+            arrived, before = self._parted(self._jumps, arrived)
             self._feed(before, now)
             self._start_over("the stamps jumped back")
             for topic, samples in enumerate(arrived):
@@ -424,24 +424,14 @@ class Evaluator(Node):
                     self._jumps.stamps(topic, samples.stamps)
         self._feed(arrived, now)
 
-    def _parted(self, arrived: _Arrived) -> tuple[_Arrived, _Arrived]:
-        """What belongs to the run that begins where stamps jumped back, and what came before."""
-        new: _Arrived = [None] * len(arrived)
-        old: _Arrived = [None] * len(arrived)
-        for topic, samples in enumerate(arrived):
-            if samples is not None:
-                last = np.arange(len(samples)) >= len(samples) - self._jumps.begun(topic)
-                new[topic], old[topic] = _where(samples, last), _where(samples, ~last)
-        return new, old
-
     @staticmethod
-    def _sieved(sieve: LeftOver, arrived: _Arrived) -> tuple[_Arrived, _Arrived]:
-        """What belongs to the run that has begun, and what is left over from the one before."""
+    def _parted(by: LeftOver | JumpDetector, arrived: _Arrived) -> tuple[_Arrived, _Arrived]:
+        """What belongs to the run that has begun, and what is of the one before."""
         new: _Arrived = [None] * len(arrived)
         old: _Arrived = [None] * len(arrived)
         for topic, samples in enumerate(arrived):
             if samples is not None:
-                mask = sieve.split(topic, samples.stamps)
+                mask = by.split(topic, samples.stamps)
                 new[topic], old[topic] = _where(samples, ~mask), _where(samples, mask)
         return new, old
 
