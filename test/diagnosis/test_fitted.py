@@ -138,6 +138,23 @@ def test_what_is_beyond_doubt_does_not_hang_on_the_axes_and_no_size_within_doubt
 
 
 @pytest.mark.parametrize(
+    ("of", "inside"),
+    [
+        ({"clock_offset": 4e-4, "clock_rate": 8e-6}, ()),
+        ({"clock_offset": 6e-4, "clock_rate": 1.2e-5}, ("clock", "clock rate")),
+    ],
+)
+def test_what_nobody_could_set_is_none(of, inside):
+    """However surely it is there."""
+    model = mounted(np.array([4e-4, 0.0, 0.0]), np.zeros(3), np.eye(9) * 1e-12)
+    for name, value in of.items():
+        model[name] = {"value": value, "std": 1e-7}
+    assert beyond_doubt(model) == inside
+    model["extrinsic"]["length"]["value"] = 6e-4
+    assert "lever arm" in beyond_doubt(model)
+
+
+@pytest.mark.parametrize(
     ("offset", "text"),
     [(0.00868, "stamps are 8.7 ± 0.3 ms too early"), (-18.0, "stamps are 18 s too late")],
 )

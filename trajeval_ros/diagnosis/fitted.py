@@ -28,6 +28,10 @@ _GAIN_OF_THREE = 12.1
 _APART = math.sqrt(2.0 * GAIN)
 # s, m, rad, 1: below, nobody sets anything.
 _SHORTEST, _NEAREST, _LEAST_TURN, _LEAST_SCALE = 5e-4, 5e-3, np.radians(0.1), 2e-3
+# Clocks of one kind differ by more.
+_FASTEST = 1e-5
+# m, rad: less than a sample of the ground truth is good to is none of the estimate's.
+_OF_A_SAMPLE = {"length": 5e-4, "angle": 5e-4}
 # What is known no better is not named, however far from nothing: a fit of poses that do not belong
 # together has such values.
 _SEEN = dict(zip(NAMES, OBSERVED_STD.tolist(), strict=True))
@@ -83,21 +87,28 @@ def beyond_doubt(model: Mapping[str, Any]) -> tuple[str, ...]:
     """Which of clock, clock rate, lever arm, mounting and scale, as far as there, are not nothing.
 
     By 4.5 standard deviations; lever arm and mounting by what is as rare of three components
-    together, since of nothing a length is 1.6 standard deviations already.
+    together, since of nothing a length is 1.6 standard deviations already. Less than half a
+    millisecond, millimetre or milliradian is nothing, nor is a rate of less than 10 ppm.
     """
 
     def number(name: str, nothing: float = 0.0) -> bool:
         return bool(abs(model[name]["value"] - nothing) > _APART * model[name]["std"])
 
+    def vector(name: str) -> bool:
+        figures = model["extrinsic"]
+        is_told = figures[f"{name}_nats"] > _GAIN_OF_THREE
+        return bool(is_told and figures[name]["value"] > _OF_A_SAMPLE[name])
+
+    clock = number("clock_offset") and abs(model["clock_offset"]["value"]) > _SHORTEST
     if "rotation" not in model["extrinsic"]:  # against positions alone
         arm = lever_arm_is_beyond_doubt(model["extrinsic"]["translation"])
-        told = {"clock": number("clock_offset"), "lever arm": arm}
+        told = {"clock": clock, "lever arm": arm}
     else:
         told = {
-            "clock": number("clock_offset"),
-            "clock rate": number("clock_rate"),
-            "lever arm": model["extrinsic"]["length_nats"] > _GAIN_OF_THREE,
-            "mounting": model["extrinsic"]["angle_nats"] > _GAIN_OF_THREE,
+            "clock": clock,
+            "clock rate": number("clock_rate") and abs(model["clock_rate"]["value"]) > _FASTEST,
+            "lever arm": vector("length"),
+            "mounting": vector("angle"),
             "scale": number("scale", 1.0),
         }
     return tuple(name for name, beyond in told.items() if beyond)

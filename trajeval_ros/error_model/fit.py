@@ -72,6 +72,12 @@ _FINE = 0.05
 # A process that is likeliest with a scale (its logarithm) so far from where a walk is takes the
 # motion itself for an error, metres a second of it: there is no maximum of it nearby.
 _FARTHEST = np.log(2.0)
+# Nuisances that are there leave smaller errors, or not much larger ones. Those that make the mean
+# square of how errors change so many times larger, over 16, 64 ... poses, are none, as of jitter
+# that is about another point of the body: a lever arm to there is likely, and a drift makes up for
+# it.
+_LARGER = 4.0
+_FIRST_LAG, _NEXT_LAG, _LAST_SHARE = 16, 4, 4
 # The maximum is found where another step gains less than this, nats, or after so many steps.
 _GAIN = 5e-3
 _STEPS = 25
@@ -155,23 +161,44 @@ def _with_scatter(
 
 def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
     """The maximum, from ``nuisances``; None where there is none."""
-    nuisances, drift = problem.improved(nuisances, Kind.DRIFT, None, coarse=True)
+    least = problem.errors(nuisances)
+    moved, drift = problem.improved(nuisances, Kind.DRIFT, None, coarse=True)
+    misled = _is_larger(problem.errors(moved), least)
+    if misled:
+        drift = problem.without_drift(nuisances)
+    else:
+        nuisances = moved
     candidates = problem.candidates(nuisances, drift)
     for best in sorted(candidates, key=lambda kind: -candidates[kind].score):
         moved, guess = problem.improved(nuisances, best, candidates[best].guess, coarse=False)
-        guess = problem.elsewhere(moved, guess)
+        guess = guess if misled else problem.elsewhere(moved, guess)
         if not problem.enough(moved, near=False):
             problem.stay_near()
         moved, here = problem.maximum(moved, guess)
         if _has_run_away(here):
             return None
-        if abs(np.log(moved.scale / nuisances.scale)) < _FARTHEST:
+        is_near = abs(np.log(moved.scale / nuisances.scale)) < _FARTHEST
+        if is_near and not _is_larger(here.data.errors, least):
             # The others are behind by as much as they were where all three were found.
             ahead = _nats_per_pose(here) - candidates[best].nats_per_pose
             alternatives = {kind: each.nats_per_pose + ahead for kind, each in candidates.items()}
             return _Found(moved, here, alternatives)
         del candidates[best]
     return None
+
+
+def _is_larger(errors: Array, others: Array) -> bool:
+    """Whether errors (n, 6) change by much more than others (m, 6), in positions or rotations."""
+    lag, last = _FIRST_LAG, min(len(errors), len(others)) // _LAST_SHARE
+    while lag <= last:
+        size, other = (
+            np.square(each[lag:] - each[:-lag]).mean(axis=0).reshape(2, 3).sum(axis=1)
+            for each in (errors, others)
+        )
+        if (size > _LARGER * other).any():
+            return True
+        lag *= _NEXT_LAG
+    return False
 
 
 def _has_run_away(found: Likelihood) -> bool:
@@ -284,6 +311,20 @@ class _Problem:
             data, gauge = self._prepared(nuisances, near=True, part=coarse)
             found = search(kind, data, gauge, gain, replace(found, theta=found.theta - step))
         return nuisances, found
+
+    def without_drift(self, nuisances: Nuisances) -> Guess:
+        """The maximum at these nuisances that is near jitter alone."""
+        data, gauge = self._prepared(nuisances, near=True, part=True)
+        begin, _ = bounds(Kind.DRIFT, data)
+        steps = np.square(np.diff(data.errors, axis=0)).reshape(-1, 2, 3)
+        begin[:, 0] = 0.5 * np.log(0.5 * np.median(steps, axis=0).mean(axis=1))
+        none = np.zeros(COUNT), np.eye(COUNT)
+        guess = Guess(Kind.DRIFT, begin, data.measured, data.moved, *none)
+        return search(Kind.DRIFT, data, gauge, _COARSE, guess)
+
+    def errors(self, nuisances: Nuisances) -> Array:
+        """With these taken off, (n, 6)."""
+        return self._prepared(nuisances, near=True)[0].errors
 
     def candidates(self, nuisances: Nuisances, drift: Guess) -> dict[Kind, _Candidate]:
         """Each process near its maximum; the ones that have none are left out."""
