@@ -251,6 +251,39 @@ def test_the_estimates_world_does_not_matter():
         assert found.log_likelihood == pytest.approx(expected.log_likelihood, rel=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["stuck", "on a line", "orientations at random"])
+@pytest.mark.parametrize("gauge", [SE3, YAW_TRANSLATION, SIM3], ids=lambda gauge: gauge.name)
+def test_worlds_do_not_matter_to_what_is_far_off(gauge, kind):
+    # Where errors are radians there are many minima: the search must end in the same one.
+    turning = np.array([0.0, 0.0, 1.0] if gauge is YAW_TRANSLATION else [1.0, 1.0, 1.0])
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+
+        def world(rng=rng):
+            made = np.eye(4)
+            made[:3, :3] = se3.exp_so3(turning * rng.normal(size=3))
+            made[:3, 3] = rng.normal(0.0, 10.0, 3)
+            return made
+
+        ground_truth = walk(rng, 60)
+        covariance = random_covariance(rng, 60, std=(1e-3, 1e-3), spread=1.0)
+        estimate = world() @ ground_truth
+        if kind == "stuck":
+            estimate[:] = estimate[20]
+        elif kind == "on a line":
+            estimate[:, :3, 3] = np.arange(60.0)[:, np.newaxis] * rng.normal(size=3)
+        else:
+            estimate[:, :3, :3] = se3.exp_so3(rng.normal(0.0, 2.0, (60, 3)))
+        residuals = np.stack(
+            [
+                absolute(ground_truth, covariance, estimate, gauge).residual,
+                absolute(world() @ ground_truth, covariance, world() @ estimate, gauge).residual,
+            ]
+        )
+        chi2 = np.einsum("kma,mab,kmb->k", residuals, np.linalg.inv(covariance), residuals)
+        assert chi2[0] == pytest.approx(chi2[1], rel=1e-6)
+
+
 @pytest.mark.parametrize("names", METRIC_PAIRS, ids="/".join)
 def test_converges_on_real_data(names):
     problem = real_pair(*names)

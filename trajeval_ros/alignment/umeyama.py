@@ -262,18 +262,29 @@ def _best_rotation(moments: Moments) -> tuple[Array, Array]:
     free = curvature <= _UNOBSERVED_BELOW * curvature.max()
     axes: Array = u.T[free]
     if len(axes) == 1:
-        rotation = _smallest_angle_about(axes[0], rotation)
+        rotation = largest_trace_about(axes[0], rotation, np.eye(3))
     return rotation, axes
 
 
-def _smallest_angle_about(axis: Array, rotation: Array) -> Array:
-    """Of ``Exp(a axis) R``, all a, the one of the smallest angle: the largest trace.
+def largest_trace_about(axis: Array, rotation: Array, turns: Array) -> Array:
+    """Of ``Q = Exp(a axis) R``, all a, the one with the largest ``tr(turns^T Q)``.
 
-    ``tr(Exp(a axis) R) = cos(a) (tr R - axis^T R axis) + sin(a) tr(hat(axis) R) + const``.
+    axis: (3,), a unit vector. rotation: R, (3, 3). turns: (3, 3); of the identity, the Q of the
+    smallest angle; of a sum of rotations, the nearest to them.
+
+    ``tr(B Exp(a axis)) = cos(a) (tr B - axis^T B axis) + sin(a) tr(hat(axis) B) + const``,
+    ``B = R turns^T``.
     """
-    a = np.arctan2(np.trace(se3.hat(axis) @ rotation), np.trace(rotation) - axis @ rotation @ axis)
+    both = rotation @ turns.T
+    a = np.arctan2(np.trace(se3.hat(axis) @ both), np.trace(both) - axis @ both @ axis)
     turned: Array = se3.exp_so3(a * axis) @ rotation
     return turned
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation (3, 3) that is nearest to a matrix, or to a positive multiple of it."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 
 def _best_yaw(moments: Moments) -> tuple[Array, Array]:

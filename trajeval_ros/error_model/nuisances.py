@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros import loops, se3
+from trajeval_ros.alignment.umeyama import nearest_rotation
 from trajeval_ros.error_model.likelihood import Data
 
 Array = npt.NDArray[np.float64]
@@ -132,7 +133,7 @@ def errors(ground_truth: Array, estimate: Array) -> Array:
     ground_truth: (N, 4, 4), its positions about their mean. estimate: (N, 4, 4), in its own world.
     """
     rotation, position = ground_truth[:, :3, :3], ground_truth[:, :3, 3]
-    align = _nearest_rotation((rotation @ np.swapaxes(estimate[:, :3, :3], 1, 2)).sum(axis=0))
+    align = nearest_rotation((rotation @ np.swapaxes(estimate[:, :3, :3], 1, 2)).sum(axis=0))
     phi = se3.log_so3(align @ estimate[:, :3, :3] @ np.swapaxes(rotation, 1, 2))
     if np.linalg.norm(phi, axis=1).max() < _SMALL_ANGLE:
         offset = estimate[:, :3, 3] @ align.T - position
@@ -146,12 +147,6 @@ def errors(ground_truth: Array, estimate: Array) -> Array:
     total[1:] = np.cumsum(np.concatenate([moved, turned], axis=1), axis=0)
     total[:, :3] -= np.cross(position, total[:, 3:])
     return total
-
-
-def _nearest_rotation(matrix: Array) -> Array:
-    """The rotation (3, 3) that is nearest to a matrix, or to a multiple of it."""
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 
 def prepare(
@@ -201,7 +196,7 @@ def _prepared_in_c(
     )
     back, sums = se3.inverse(nuisances.extrinsic), np.empty(12)
     loops.call("errors_about", count, poses, estimate, back, sums)
-    align, mean = _nearest_rotation(sums[:9].reshape(3, 3)), sums[9:] / count
+    align, mean = nearest_rotation(sums[:9].reshape(3, 3)), sums[9:] / count
     found, series = np.empty((count, 6)), se3.LOGARITHM_TABLE
     how = back, float(nuisances.scale), mean, align, _SMALL_ANGLE, series, len(series)
     loops.call("errors_of", count, poses, estimate, *how, found)

@@ -14,7 +14,12 @@ import numpy.typing as npt
 
 from trajeval_ros import se3
 from trajeval_ros.alignment.gauge import Gauge, Similarity
-from trajeval_ros.alignment.umeyama import align_positions
+from trajeval_ros.alignment.umeyama import (
+    Alignment,
+    align_positions,
+    largest_trace_about,
+    nearest_rotation,
+)
 from trajeval_ros.likelihood import independent
 from trajeval_ros.likelihood.band import BandFactor
 from trajeval_ros.likelihood.information import Information
@@ -164,21 +169,46 @@ def best_perturbation(gauge: Gauge, information: Information) -> Array:
 def start_alignment(problem: Problem, *others: Similarity) -> Similarity:
     """Where to begin: the likeliest of Umeyama's alignment, the middle pose's, and others.
 
-    Where positions do not determine an alignment (a robot at rest), or nearly so, orientations do.
+    Where positions do not determine an alignment (a robot at rest), or nearly so, orientations do:
+    nothing depends on where the worlds have their origins, and how they are turned.
     """
     gauge = problem.gauge
     middle = len(problem.estimate) // 2
     by_pose = pose_alignment(problem.ground_truth[middle], problem.estimate[middle], gauge)
-    found = align_positions(problem.estimate[:, :3, 3], problem.ground_truth[:, :3, 3], gauge.name)
+    source, target = problem.estimate[:, :3, 3], problem.ground_truth[:, :3, 3]
+    found = align_positions(source, target, gauge.name)
+    if len(found.unobserved_axes):
+        found = _by_orientations(problem, found, source.mean(axis=0), target.mean(axis=0))
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = found.rotation, found.translation
     by_position = Similarity(pose, float(found.scale))
     return min(*others, by_position, by_pose, key=problem.chi2)
 
 
+def _by_orientations(problem: Problem, found: Alignment, source: Array, target: Array) -> Alignment:
+    """What positions leave open of a rotation as orientations have it in the mean.
+
+    source, target: the positions' means, (3,), which stay on each other.
+    """
+    turns = problem.ground_truth[:, :3, :3] @ np.swapaxes(problem.estimate[:, :3, :3], -1, -2)
+    if len(found.unobserved_axes) == 1:
+        rotation = largest_trace_about(found.unobserved_axes[0], found.rotation, turns.mean(axis=0))
+    else:
+        rotation = nearest_rotation(turns.mean(axis=0))
+    translation = target - found.scale * rotation @ source
+    return replace(found, rotation=rotation, translation=translation)
+
+
 def _damped(gauge: Gauge, information: Information, damping: float) -> Array:
-    """The Levenberg-Marquardt step, scaled by the information's diagonal."""
-    scale = np.sqrt(damping) * np.linalg.norm(information.root, axis=0)
+    """The Levenberg-Marquardt step, scaled by what is known of a freedom of its kind.
+
+    Of translations, of rotations, and of the scale: the world's axes do not matter.
+    """
+    known = (information.root**2).sum(axis=0)
+    kinds = np.array(gauge.free) // 3
+    for kind in set(kinds.tolist()):
+        known[kinds == kind] = known[kinds == kind].mean()
+    scale = np.sqrt(damping * known)
     rows = np.concatenate([np.diag(scale), np.zeros((len(scale), 1))], axis=1)
     return best_perturbation(gauge, information.absorb(rows, 0.0))
 
