@@ -243,6 +243,13 @@ def test_standing_still(gauge):
     )
 
 
+def test_positions_whose_squares_are_nothing_have_no_scale():
+    source, target = random_pair(0, 100)
+    alignment = align_positions(1e-170 * source, target, "sim3")
+    assert not alignment.scale_observed
+    assert alignment.scale == 1.0
+
+
 @pytest.mark.parametrize(
     ("gauge", "count", "expected"),
     [

@@ -3,6 +3,7 @@
 """The way from NumPy to C; what the loops compute is held to NumPy where it is used."""
 
 import ctypes
+import gc
 import os
 import subprocess
 import sys
@@ -53,6 +54,17 @@ def test_a_library_of_other_sources_is_none(monkeypatch):
 def test_an_array_that_c_would_misread_is_refused(array):
     with pytest.raises(TypeError, match="none for C"):
         loops.call("loops_sources", array)
+
+
+@built
+@pytest.mark.parametrize("count", [3, 12, 18])
+def test_calls_leave_nothing_behind(count):
+    arguments = [np.zeros(1)] * count
+    gc.collect()  # Python keeps tuples for later, and gives them back here alone
+    before = sys.getallocatedblocks()
+    for _ in range(1000):
+        loops.call("loops_sources", *arguments)
+    assert sys.getallocatedblocks() - before < 100
 
 
 def test_what_is_no_library_is_none(tmp_path, monkeypatch):

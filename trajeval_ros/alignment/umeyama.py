@@ -305,7 +305,8 @@ def _best_scale(moments: Moments, rotation: Array) -> tuple[float, bool]:
     gain = float(np.sum(moments.cross_covariance * rotation))
     variance = float(np.sum(moments.factor[:, :3] ** 2)) / moments.count
     spread = np.sqrt(variance) * np.linalg.norm(moments.factor[:, 3:]) / np.sqrt(moments.count)
-    if gain <= _UNOBSERVED_BELOW * spread:
+    # Positions of 1e-160 m have no square.
+    if variance < np.finfo(np.float64).tiny or gain <= _UNOBSERVED_BELOW * spread:
         return 1.0, False
     return gain / variance, True
 
