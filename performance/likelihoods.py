@@ -102,6 +102,7 @@ class Run:
         self.taken += len(truth)
         sampled = np.ones(len(truth), dtype=np.bool_)
         self.evaluation.add(EvaluatedPoses(stamps, truth, covariance, estimate, None), 0, sampled)
+        self.evaluation.window()  # what waits is taken in
 
 
 def length_targets(few: int = 1000, many: int = 1_000_000, rounds: int = 200) -> Iterator[Target]:

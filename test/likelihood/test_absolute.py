@@ -43,6 +43,14 @@ def residuals(ground_truth, estimate, alignment):
     ).ravel()
 
 
+@by_gauge
+@pytest.mark.parametrize("size", [1e-12, 1e-4, 0.3, 1.0])
+def test_the_volume_of_a_change_is_its_determinant(gauge, size):
+    delta = size * np.random.default_rng(7).uniform(0.2, 1.0, size=gauge.dimension)
+    _, expected = np.linalg.slogdet(gauge.rebase(delta, np.array([1.0, 2.0, 3.0])))
+    assert gauge.log_volume(delta) == pytest.approx(expected, abs=1e-12)
+
+
 def displaced(rng, problem, gauge):
     """The same problem with the estimate in a world that the gauge allows for."""
     ground_truth, covariance, estimate = problem

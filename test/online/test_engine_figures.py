@@ -418,6 +418,39 @@ def test_what_holds_in_the_end_does_not_depend_on_the_batches():
     assert not found
 
 
+@pytest.mark.parametrize("covariance", ["independent", "joint"])
+def test_asking_for_figures_on_the_way_changes_none(covariance):
+    run = simulated(46, 8.0, dropouts=((3.0, 4.2),))
+    parameters = {**FIXED, "likelihood.covariance": covariance, "window.duration": 3.0}
+    asked, left_alone = Engine(parameters), Engine(parameters)
+    for engine in (asked, left_alone):
+        for _ in feed(engine, run.ground_truth, run.estimate, SECOND // 20):
+            if engine is asked:
+                engine.summary()
+    assert_same_summary(asked.summary(), left_alone.summary())
+
+
+def test_where_poses_come_a_few_at_a_time_no_notice_is_lost():
+    run = simulated(47, 14.0)
+    whole, live = Engine({}), Engine({})
+    expected = list(feed(whole, run.ground_truth, run.estimate))
+    found = []
+    topics = ((run.ground_truth, live.add_ground_truth), (run.estimate, live.add_estimate))
+    begin, end = run.ground_truth.stamps[[0, -1]].tolist()
+    for now in range(begin, end + 1, SECOND // 20):
+        for arriving, add in topics:
+            first, last = np.searchsorted(arriving.stamps, [now, now + SECOND // 20])
+            add(arriving[first:last])
+        found.append(live.advance_all(now + SECOND // 20, 500)["estimate"])
+    ended = whole.finish(), live.finish()
+    codes = [
+        {notice.code for each in (*results, last) for notice in each.notices}
+        for results, last in zip((expected, found), ended, strict=True)
+    ]
+    assert codes[0] == codes[1] == {"hyperparameters_learned"}
+    assert live.notices() == whole.notices()
+
+
 def test_results_carry_the_running_figures():
     run, _, summary, evaluations = scenario()
     engine = Engine(FIXED)

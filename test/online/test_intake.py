@@ -20,6 +20,7 @@ from twins.runs import (
     simulated,
 )
 
+from trajeval_ros import loops
 from trajeval_ros.online.accounting import Reason
 from trajeval_ros.online.engine import Engine
 from trajeval_ros.online.intake import Intake
@@ -262,6 +263,35 @@ def test_any_stamps_in_any_batches(data):
     assert (np.diff(expected) > 0).all()
     assert np.isin(expected, stamps).all()
     assert whole.account.received == len(expected) + whole.account.rejected_total == len(stamps)
+
+
+@given(data=st.data())
+@settings(max_examples=150)
+def test_by_one_look_in_c_and_pose_by_pose(data):
+    gaps = st.lists(st.sampled_from([1, 1, 1, 1, 5, 6, 0, -1]), min_size=4, max_size=12)
+    samples = good(START + np.cumsum(data.draw(gaps)) * (SECOND // 10))
+    row = st.integers(0, len(samples) - 1)
+    for values, spoilt in (
+        (samples.positions, [np.nan, np.inf, 1e9, -1.1e9, 1e308]),
+        (samples.quaternions, [np.nan, -np.inf, 0.0, 0.52, 0.5199, 0.4794, 0.48, 1e200]),
+    ):
+        for _ in range(data.draw(st.integers(0, 2))):
+            values[data.draw(row), data.draw(st.integers(0, 2))] = data.draw(
+                st.sampled_from(spoilt)
+            )
+    cut = data.draw(row)
+    batches = samples[:cut], samples[cut:]
+    intakes = Intake(use_covariance=False), Intake(use_covariance=False)
+    found = [intakes[0].accept(batch) for batch in batches]
+    with loops.left_out():
+        expected = [intakes[1].accept(batch) for batch in batches]
+    for ours, theirs in zip(found, expected, strict=True):
+        assert np.array_equal(ours.stamps, theirs.stamps)
+        np.testing.assert_allclose(ours.poses, theirs.poses, atol=1e-12)
+    accounts = [vars(intake.account) for intake in intakes]
+    assert accounts[0] == accounts[1]
+    assert (intakes[0].first, intakes[0].last) == (intakes[1].first, intakes[1].last)
+    assert intakes[0].held_stamp == intakes[1].held_stamp
 
 
 def test_the_poses_go_with_their_stamps():

@@ -16,6 +16,7 @@ For se3, yaw_translation and none, the measure is the left-invariant one too. Fo
 and only a change of the ground truth's unit of length would show it.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,10 @@ from trajeval_ros import se3
 from trajeval_ros.alignment import umeyama
 
 Array = npt.NDArray[np.float64]
+
+
+# The square of a smaller angle (rad) is less than round-off beside 1.
+_SMALL_ANGLE = 1e-9
 
 
 class Similarity(NamedTuple):
@@ -125,6 +130,18 @@ class Gauge(NamedTuple):
         about[:3, 6] = -shift
         free = list(self.free)
         return np.asarray((matrix @ about)[np.ix_(free, free)])
+
+    def log_volume(self, delta: Array) -> float:
+        """The logarithm of the determinant of `rebase`'s matrix for this ``delta``, (d,).
+
+        Of the rotation's Jacobian it is in closed form; full rotations and translations have it
+        each, and of a yaw only the translation.
+        """
+        full = self.expand(delta)
+        half = 0.5 * math.sqrt(float(full[3:6] @ full[3:6]))
+        of_rotation = 2.0 * math.log(abs(half / math.sin(half))) if half > _SMALL_ANGLE else 0.0
+        jacobians = sum(axis in self.free for axis in (0, 3))
+        return jacobians * of_rotation + math.log1p(float(full[6]))
 
     def covariance(self, alignment: Similarity, centre: Array, of_delta: Array) -> Array:
         """The covariance of an alignment, from that of its perturbation about a centre.

@@ -182,9 +182,12 @@ class RunningAbsolute:
             return NOTHING
         if not self._scale_is_observed:
             return None
-        delta = self._optimum()
-        matrix = self._gauge.rebase(delta, np.zeros(3))
-        return self._information.change(matrix, delta).integral()
+        # Of perturbations of the best alignment, about the same centre.
+        delta, information = self._optimum(), self._information
+        left_over = information.root @ delta + information.offset
+        chi2 = float(left_over @ left_over)
+        log_det = 2.0 * self._gauge.log_volume(delta)
+        return information.integral() + GaussianLogLikelihood(chi2, log_det, 0)
 
     @property
     def alignment(self) -> Similarity | None:

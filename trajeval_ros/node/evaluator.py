@@ -59,7 +59,7 @@ _BATCH_SHARE = 0.05
 _SMOOTHING = 0.1
 # Of each estimate in a batch: poses that have waited for a lesson are caught up with in several.
 _MOST_POSES = 500
-# Without messages the clock alone can end a wait, of a second and more.
+# The clock alone can end a wait, of a second and more.
 _CLOCK_PERIOD = 0.1
 # What a publisher sends before it is found is lost: as long as one is missing they are counted more
 # often. One may have gone and another come, so that the count is the same.
@@ -483,12 +483,14 @@ class Evaluator(Node):
         is_idle = all(samples is None for samples in arrived) and not self._is_behind
         if is_idle and steady < self._next_clock:
             return
-        self._next_clock = steady + _CLOCK_PERIOD
         self._session.feed(*arrived)
-        self._stamp_clock.note(self._session.newest_stamps(), now)
-        # What is in a queue has come: nothing is given up for it.
-        waiting = any(source.is_behind for source in self._inputs)
-        clock = None if waiting else self._stamp_clock.now(now)
+        clock = None
+        if steady >= self._next_clock:
+            self._next_clock = steady + _CLOCK_PERIOD
+            self._stamp_clock.note(self._session.newest_stamps(), now)
+            # What is in a queue has come: nothing is given up for it.
+            waiting = any(source.is_behind for source in self._inputs)
+            clock = None if waiting else self._stamp_clock.now(now)
         self._publish(self._session.advance_all(clock, _MOST_POSES))
 
     def _publish(self, found: Mapping[str, Results]) -> None:

@@ -28,6 +28,8 @@ _MOST_INTERVALS = 512
 # A way is measured from one point to the next this many standard deviations of a sample away, so
 # that a robot that stands goes nowhere; what noise adds to a step of this length is a hundredth.
 _STEP = 10.0
+# Samples and poses wait for each other: so many cost hardly more than one.
+_TOGETHER = 256
 
 
 class Odometer:
@@ -46,13 +48,30 @@ class Odometer:
         self._positions = np.zeros((capacity + 1, 3))
         self._used = 0
         self._last: tuple[int, Array] | None = None
-        self.length = 0.0
-        """m so far."""
+        self._length = 0.0
+        self._waiting: list[tuple[Stamps, Array]] = []
+        self._number_waiting = 0
+
+    @property
+    def length(self) -> float:
+        """How long it is so far, m."""
+        self._take_in()
+        return self._length
 
     def add(self, stamps: Stamps, positions: Array) -> None:
         """Take ``stamps`` (n,), later than all before, and the ``positions`` (n, 3) there."""
         if not len(stamps):
             return
+        self._waiting.append((stamps, positions))
+        self._number_waiting += len(stamps)
+        if self._number_waiting >= _TOGETHER:
+            self._take_in()
+
+    def _take_in(self) -> None:
+        if not self._waiting:
+            return
+        stamps, positions = (np.concatenate(parts) for parts in zip(*self._waiting, strict=True))
+        self._waiting, self._number_waiting = [], 0
         self._last = int(stamps[-1]), positions[-1].copy()
         if self._anchor is None:
             self._anchor = positions[0].copy()
@@ -60,8 +79,8 @@ class Odometer:
         steps = _steps if loops.there() else _steps_in_numpy
         chosen, away = steps(loops.doubles(positions), self._step, self._anchor)
         if len(chosen):
-            lengths = np.cumsum(np.concatenate([[self.length], away]))[1:]
-            self.length = float(lengths[-1])
+            lengths = np.cumsum(np.concatenate([[self._length], away]))[1:]
+            self._length = float(lengths[-1])
             self._keep(stamps[chosen], lengths, positions[chosen])
 
     def _keep(self, stamps: Stamps, lengths: Array, positions: Array) -> None:
@@ -92,12 +111,13 @@ class Odometer:
 
     def way(self) -> Way:
         """The way so far, with the newest point."""
+        self._take_in()
         kept = slice(self._used)
         stamps, lengths = self._stamps[kept].copy(), self._lengths[kept].copy()
         positions = self._positions[kept].copy()
         if self._last is not None and self._last[0] > stamps[-1]:
             stamps = np.append(stamps, self._last[0])
-            lengths = np.append(lengths, self.length)
+            lengths = np.append(lengths, self._length)
             positions = np.concatenate([positions, [self._last[1]]])
         return Way(stamps, lengths, positions)
 
@@ -155,26 +175,39 @@ class Presence:
         self.last: int | None = None
         self._counts = np.zeros(_BINS, dtype=np.int64)
         self._longest: Stamps = np.empty((0, 2), dtype=np.int64)
+        self._waiting: list[Stamps] = []
+        self._number_waiting = 0
+        self._counted: int | None = None  # the newest that does not wait
 
     def add(self, stamps: Stamps) -> None:
         """Take ``stamps`` (n,) ns, increasing; those that are not later than all before, too."""
         if self.last is not None and len(stamps) and stamps[0] <= self.last:
+            self._take_in()
             count = int(np.searchsorted(stamps, self.last, side="right"))
             for stamp in stamps[:count].tolist():
                 self._insert(stamp)
             stamps = stamps[count:]
         if not len(stamps):
             return
-        before = stamps[:1] if self.last is None else np.array([self.last])
-        ends = np.concatenate([before, stamps]) if self.last is not None else stamps
+        self.first = int(stamps[0]) if self.first is None else self.first
+        self.last = int(stamps[-1])
+        self._waiting.append(stamps)
+        self._number_waiting += len(stamps)
+        if self._number_waiting >= _TOGETHER:
+            self._take_in()
+
+    def _take_in(self) -> None:
+        if not self._waiting:
+            return
+        before = [] if self._counted is None else [np.array([self._counted])]
+        ends = np.concatenate([*before, *self._waiting])
+        self._waiting, self._number_waiting, self._counted = [], 0, int(ends[-1])
         steps = np.diff(ends)
         bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(steps, 1))).astype(np.int64)
         self._counts += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
         found = np.concatenate([self._longest, np.stack([ends[:-1], ends[1:]], axis=1)])
         order = np.argsort(found[:, 0] - found[:, 1], kind="stable")[:_MOST_INTERVALS]
         self._longest = found[order]
-        self.first = int(stamps[0]) if self.first is None else self.first
-        self.last = int(stamps[-1])
 
     def _insert(self, stamp: int) -> None:
         """Divide the interval in which a late pose lies, if it is one of the longest."""
@@ -187,6 +220,7 @@ class Presence:
     @property
     def usual_interval(self) -> float | None:
         """The median interval, s; None with fewer than two poses."""
+        self._take_in()
         total = int(self._counts.sum())
         if not total:
             return None
@@ -201,6 +235,7 @@ class Presence:
         if self.first is None or self.last is None:
             return np.array([[begin, end]], dtype=np.int64)
         ends = np.array([[begin, self.first], [self.last, end]], dtype=np.int64)
+        self._take_in()
         spans = np.clip(np.concatenate([self._longest, ends]), begin, end)
         least = max(_SHORTEST, _INTERVALS * (self.usual_interval or 0.0))
         lost = spans[(spans[:, 1] - spans[:, 0]) * 1e-9 > least]

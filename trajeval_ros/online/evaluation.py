@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -24,9 +26,26 @@ from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.online.window import EvaluatedPoses, SlidingWindow, Window
 
 Array = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 _ENOUGH_TO_STRAIN = 100
+# What is told of each pose is worked out at once. The rest waits until so many poses have come, for
+# so long (ns), or a figure is asked for: a batch costs hardly more than a pose.
+_TOGETHER = 256
+_LONGEST_WAIT = 2_000_000_000
+
+
+class _Scored(NamedTuple):
+    """Poses with the relative errors (n, 6) and adjoints (n, 6, 6) of the steps that end at them.
+
+    ``sampled`` as of `Evaluation.add`.
+    """
+
+    poses: EvaluatedPoses
+    error: Array
+    adjoint: Array
+    sampled: Mask
 
 
 class Evaluation:
@@ -47,11 +66,13 @@ class Evaluation:
         self._conventional = RunningConventional(
             self.gauge.name, settings.relative_delta, settings.relative_unit
         )
-        self.instants = Instants(self.gauge.name, settings.relative_delta, settings.relative_unit)
+        self._instants = Instants(self.gauge.name, settings.relative_delta, settings.relative_unit)
         self._steps = MeanSquares()
         self._residuals = ResidualMoments()
         self._positions: RunningPositions | None = RunningPositions(self.gauge)
         self._newest: tuple[Array, Array] | None = None
+        self._waiting: list[_Scored] = []
+        self._waiting_poses = 0
         self.count = 0
 
     @property
@@ -61,7 +82,12 @@ class Evaluation:
 
     @window_duration.setter
     def window_duration(self, duration: int) -> None:
+        self._take_in()
         self._window.duration = duration
+
+    def add_ground_truth(self, stamps: Stamps, poses: Array) -> None:
+        """Take samples (N,), ns, increasing, (N, 4, 4), that no pose before needs."""
+        self._instants.add_ground_truth(stamps, poses)
 
     def add(self, poses: EvaluatedPoses, offset: int, sampled: Mask) -> Evaluations:
         """Take the next poses and return their evaluations.
@@ -78,21 +104,17 @@ class Evaluation:
             covariance = self._factor.update(poses.covariance, poses.cross)
         before = self._relative.total.log_likelihood
         steps = self._relative.update(ground_truth, covariance, estimate)
-        self._first_order.update(ground_truth, covariance, estimate, steps.error)
         self._absolute.update(ground_truth, covariance, estimate)
         # Each costs a solution, and is asked for several times.
         self._absolute_total = self._absolute.total
         self._alignment = self._absolute.alignment
-        self._conventional.update(stamps[sampled], ground_truth[sampled], estimate[sampled])
-        self.instants.add_estimate(stamps, estimate)
-        self._window.append(
-            poses, _padded(steps.error, first, 0.0), _padded(steps.adjoint, first, 0.0)
-        )
-        self._steps.update(steps.error)
-        self._residuals.update(ground_truth, estimate)
         if self._positions is not None:
             self._positions.update(ground_truth[:, :3, 3], world_covariance(poses), estimate)
         self.count += len(stamps)
+        if isinstance(covariance, FactorRows):
+            self._take(_Scored(poses, steps.error, steps.adjoint, sampled), covariance)
+        else:
+            self._wait(_Scored(poses, steps.error, steps.adjoint, sampled))
         log_likelihood = _padded(steps.log_likelihood, first, 0.0)
         alignment = self._alignment
         assert alignment is not None
@@ -111,6 +133,32 @@ class Evaluation:
             np.full((len(stamps), 6), np.nan) if poses.twist is None else poses.twist,
             stamps if poses.nearest is None else poses.nearest,
         )
+
+    def _wait(self, scored: _Scored) -> None:
+        """Take these poses in with others, unless they have waited long enough."""
+        self._waiting.append(scored)
+        self._waiting_poses += len(scored.poses)
+        waited = scored.poses.stamps[-1] - self._waiting[0].poses.stamps[0]
+        if self._waiting_poses >= _TOGETHER or waited >= _LONGEST_WAIT:
+            self._take_in()
+
+    def _take_in(self) -> None:
+        """Take in the poses that wait."""
+        if self._waiting:
+            scored = _joined(self._waiting)
+            self._waiting, self._waiting_poses = [], 0
+            self._take(scored, scored.poses.covariance)
+
+    def _take(self, scored: _Scored, covariance: Array | FactorRows) -> None:
+        poses, error, sampled = scored.poses, scored.error, scored.sampled
+        stamps, ground_truth, estimate = poses.stamps, poses.ground_truth, poses.estimate
+        first = len(error) < len(poses)
+        self._first_order.update(ground_truth, covariance, estimate, error)
+        self._conventional.update(stamps[sampled], ground_truth[sampled], estimate[sampled])
+        self._instants.add_estimate(stamps, estimate)
+        self._window.append(poses, _padded(error, first, 0.0), _padded(scored.adjoint, first, 0.0))
+        self._steps.update(error)
+        self._residuals.update(ground_truth, estimate)
 
     def drop_positions(self) -> None:
         """There are orientations: positions alone are not looked at any more."""
@@ -141,6 +189,7 @@ class Evaluation:
     @property
     def first_order(self) -> GaussianLogLikelihood:
         """The paper's first-order absolute error of the run, under the ``se3`` gauge."""
+        self._take_in()
         return self._first_order.total
 
     @property
@@ -172,16 +221,25 @@ class Evaluation:
     @property
     def conventional(self) -> RunningConventional:
         """The conventional figures of the run, at the ground truth's instants if it is sparse."""
-        return self.instants.figures or self._conventional
+        self._take_in()
+        return self._instants.figures or self._conventional
+
+    @property
+    def is_at_ground_truth(self) -> bool:
+        """Whether those are at the ground truth's instants."""
+        self._take_in()
+        return self._instants.are_told
 
     @property
     def step_mean_squares(self) -> MeanSquares:
         """Mean squares of the relative errors."""
+        self._take_in()
         return self._steps
 
     @property
     def residuals(self) -> ResidualMoments:
         """Moments that give the absolute errors' mean squares under any alignment."""
+        self._take_in()
         return self._residuals
 
     @property
@@ -190,7 +248,7 @@ class Evaluation:
         if self.count < 2:
             return None
         relative = self._relative.total.log_likelihood
-        difference = abs(self._first_order.total.log_likelihood - relative)
+        difference = abs(self.first_order.log_likelihood - relative)
         return difference / max(abs(relative), 1.0)
 
     @property
@@ -202,12 +260,26 @@ class Evaluation:
         running = self._absolute_total
         if running is None or self.gauge is not SE3 or self.count < _ENOUGH_TO_STRAIN:
             return None
-        first_order = self._first_order.total.log_likelihood
+        first_order = self.first_order.log_likelihood
         return abs(running.log_likelihood - first_order) / max(abs(first_order), 1.0)
 
     def window(self) -> Window:
         """The poses of the sliding window, and their steps."""
+        self._take_in()
         return self._window.contents()
+
+
+def _joined(parts: list[_Scored]) -> _Scored:
+    """One after the other; none of them of a joint covariance."""
+    if len(parts) == 1:
+        return parts[0]
+    all_poses, *further = zip(*parts, strict=True)
+    stamps, ground_truth, covariance, estimate = (
+        np.concatenate([getattr(poses, name) for poses in all_poses])
+        for name in ("stamps", "ground_truth", "covariance", "estimate")
+    )
+    poses = EvaluatedPoses(stamps, ground_truth, covariance, estimate)
+    return _Scored(poses, *map(np.concatenate, further))
 
 
 def _padded(values: Array, first: bool, filling: float) -> Array:

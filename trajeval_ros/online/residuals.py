@@ -15,8 +15,6 @@ from trajeval_ros.alignment.umeyama import Moments
 
 Array = npt.NDArray[np.float64]
 
-_BATCH = 256
-
 
 class MeanSquares:
     """Root mean squares of errors (M, 6)."""
@@ -46,28 +44,14 @@ class ResidualMoments:
         """Start without poses."""
         self._positions = Moments.empty()
         self._rotations = RotationMoments()
-        self._waiting: list[tuple[Array, Array]] = []
-        self._waiting_poses = 0
 
     def update(self, ground_truth: Array, estimate: Array) -> None:
-        """Add poses (M, 4, 4); they wait for others, as a batch costs hardly more than a pose."""
-        self._waiting.append((ground_truth, estimate))
-        self._waiting_poses += len(ground_truth)
-        if self._waiting_poses >= _BATCH:
-            self._take_in()
-
-    def _take_in(self) -> None:
-        if self._waiting:
-            ground_truth, estimate = (np.concatenate(p) for p in zip(*self._waiting, strict=True))
-            self._waiting, self._waiting_poses = [], 0
-            self._positions = self._positions.updated(estimate[:, :3, 3], ground_truth[:, :3, 3])
-            self._rotations.update(
-                estimate[:, :3, :3] @ np.swapaxes(ground_truth[:, :3, :3], -1, -2)
-            )
+        """Add poses (M, 4, 4)."""
+        self._positions = self._positions.updated(estimate[:, :3, 3], ground_truth[:, :3, 3])
+        self._rotations.update(estimate[:, :3, :3] @ np.swapaxes(ground_truth[:, :3, :3], -1, -2))
 
     def roots(self, alignment: Similarity) -> tuple[float, float]:
         """Return the RMS distance (m) and angle (rad) under ``alignment``."""
-        self._take_in()
         moments, rotation = self._positions, alignment.pose[:3, :3]
         scaled = alignment.scale * rotation
         # Of y - (s R x + t): the mean, and the factor of the spread about it.

@@ -231,7 +231,7 @@ def _conventional(evaluation: Evaluation) -> Figures:
         "re_delta": evaluation.settings.relative_delta,
         "re_unit": evaluation.settings.relative_unit,
         "alignment": ate_alignment(conventional.alignment),
-        "at": "ground_truth" if evaluation.instants.are_told else "estimate",
+        "at": "ground_truth" if evaluation.is_at_ground_truth else "estimate",
     }
 
 

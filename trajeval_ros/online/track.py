@@ -48,6 +48,8 @@ CONDITIONED = 20_000
 _SELF_CHECK = 1e-6
 _STRAINED = 0.2
 _FAR_MORE_RARELY = 4.0
+# Where poses come a few at a time, it is looked for news so often (ns).
+_NEWS_PERIOD = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,7 @@ class _Pending:
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def where(self, mask: Mask | Stamps) -> _Pending:
+    def where(self, mask: Mask | Stamps | slice) -> _Pending:
         covariances = None if self.covariances is None else self.covariances[mask]
         return _Pending(self.stamps[mask], self.poses[mask], covariances)
 
@@ -111,6 +113,7 @@ class Track:
         self._doubts = CovarianceDoubts()
         self._announced: set[str] = set()
         self._next_alignment = ENOUGH_TO_ALIGN
+        self._looked_for_news, self._wants_news = -_NEWS_PERIOD, True
         self._begin = begin
         self._presence = Presence()
         self.lacks_orientation = False
@@ -159,7 +162,7 @@ class Track:
 
     def add_ground_truth(self, samples: Samples) -> None:
         """Take samples of the ground truth, beside what `Reference` answers."""
-        self._evaluation.instants.add_ground_truth(samples.stamps, samples.poses)
+        self._evaluation.add_ground_truth(samples.stamps, samples.poses)
 
     def _append(self, accepted: Accepted) -> None:
         if not len(accepted.stamps):
@@ -182,8 +185,12 @@ class Track:
     def advance(self, now: int | None, most: int | None = None) -> Question:
         """Choose what can be evaluated, ``most`` poses, after the ground truth was told the time.
 
+        With ``most`` there are notices once a second of ``now``, and else at each call.
         What the ground truth is to be asked; :meth:`score` takes the answer.
         """
+        self._wants_news = most is None
+        if now is not None and abs(now - self._looked_for_news) >= _NEWS_PERIOD:
+            self._wants_news, self._looked_for_news = True, now
         if now is not None:
             certain = now - self._timing.max_wait
             self._append(self._estimates.confirm(certain - self._settings.time_offset))
@@ -197,7 +204,7 @@ class Track:
     def finish(self) -> Question:
         """Choose all that is pending, after the ground truth has been concluded."""
         self._append(self._estimates.conclude())
-        self._next_alignment = 0
+        self._next_alignment, self._wants_news = 0, True
         self.is_behind = False
         return self._choose(len(self._pending))
 
@@ -243,8 +250,8 @@ class Track:
         """Decide which of the ``count`` oldest pending estimates are evaluated."""
         if count:
             self._decided = int(self._pending.stamps[count - 1])
-            index = np.arange(len(self._pending)) < count
-            chosen, self._pending = self._pending.where(index), self._pending.where(~index)
+            chosen = self._pending.where(slice(count))
+            self._pending = self._pending.where(slice(count, None))
             self._chosen = chosen.where(self._judge(chosen.stamps))
         stamps = self._chosen.stamps
         return Question(stamps, self._until(stamps) if len(stamps) else stamps, self._joint)
@@ -369,15 +376,18 @@ class Track:
         """
         if not len(self._pending):
             return
-        stamps, samples = self._pending.stamps, self._reference.known
-        gap, wait = self._timing.max_gap, self._timing.max_wait
+        stamps, gap, wait = self._pending.stamps, self._timing.max_gap, self._timing.max_wait
+        if int(stamps[0]) + max(gap, self._timing.lag) + wait >= now:
+            return
+        samples = self._reference.known
         served = np.zeros(len(stamps), dtype=np.bool_)
         if len(samples):
             near = np.searchsorted(samples, stamps - gap)
             served = samples[np.minimum(near, len(samples) - 1)] >= stamps - gap
         given_up = ~served & (stamps + max(gap, self._timing.lag) + wait < now)
-        self._estimates.account.reject(Reason.NO_GROUND_TRUTH, int(given_up.sum()))
-        self._pending = self._pending.where(~given_up)
+        if given_up.any():
+            self._estimates.account.reject(Reason.NO_GROUND_TRUTH, int(given_up.sum()))
+            self._pending = self._pending.where(~given_up)
 
     def _forget(self) -> None:
         """Move on :attr:`begin`: to what no pose to come asks for, or what is too old to be."""
@@ -419,7 +429,9 @@ class Track:
         )
 
     def _news(self) -> tuple[Notice, ...]:
-        """The notices that are new since the last call: each code once a run, but each lesson."""
+        """The notices that are new since the last time: each code once a run, but each lesson."""
+        if not self._wants_news:
+            return ()
         count, undetermined = self._evaluation.count, False
         # It takes the waiting poses in and aligns all, as much as the rest of a call.
         if count >= self._next_alignment:
@@ -515,7 +527,7 @@ class Track:
                 "left out"
             )
             found.append(Notice("warning", "alignment_undetermined", text))
-        if self._evaluation.instants.are_told:
+        if self._evaluation.is_at_ground_truth:
             text = (
                 "the ground truth is sparser than the estimate: the conventional figures are at its"
                 " own instants, the estimate interpolated there"

@@ -22,6 +22,9 @@ from trajeval_ros.runs.kept import WholeRun
 
 Figures = dict[str, Any]
 
+# Poses wait for each other: so many are taken in for what one costs.
+_TOGETHER = 256
+
 WHOLE, BLOCKS = "whole", "blocks"
 """Of what the model of a run is: of all poses, with the ground truth asked anew; or of blocks."""
 
@@ -32,6 +35,7 @@ class LiveErrorModels:
     def __init__(self, window: int) -> None:
         """Start empty. window: ns."""
         self._running = RunningErrorModel(window)
+        self._waiting: list[Poses] = []
         self._figures: dict[str, Figures] = {}
 
     @property
@@ -41,12 +45,20 @@ class LiveErrorModels:
 
     def change(self, window: int) -> None:
         """Go on with another window, ns."""
+        self._take_in()
         self._running.duration = window
 
     def add(self, evaluations: Evaluations, offset: int) -> None:
         """Take poses, whose stamps on the ground truth's clock are ``offset`` (ns) later."""
         if evaluations.sampled.any():
-            self._running.add(poses_of(evaluations, offset))
+            self._waiting.append(poses_of(evaluations, offset))
+            if sum(map(len, self._waiting)) >= _TOGETHER:
+                self._take_in()
+
+    def _take_in(self) -> None:
+        if self._waiting:
+            waiting, self._waiting = self._waiting, []
+            self._running.add(Poses.joined(waiting))
 
     def due(self) -> Due | None:
         """A block of the run that waits for a fit, or else the window, if it has changed."""
@@ -54,10 +66,12 @@ class LiveErrorModels:
 
     def block_due(self) -> Due | None:
         """A block of the run that waits for a fit."""
+        self._take_in()
         return self._running.block_due()
 
     def window_due(self) -> Due | None:
         """The window, if it has changed since."""
+        self._take_in()
         return self._running.window_due()
 
     def take(self, due: Due, fitted: Fitted) -> None:
