@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from trajeval_ros import loops, se3
 from trajeval_ros.likelihood.absolute import RunningAbsolute
 from trajeval_ros.likelihood.first_order import FirstOrderAbsolute
-from trajeval_ros.likelihood.gaussian import CovarianceError
+from trajeval_ros.likelihood.gaussian import CovarianceError, are_positive, positive_definite
 from trajeval_ros.likelihood.information import Information
-from trajeval_ros.likelihood.relative import RunningRelative
+from trajeval_ros.likelihood.relative import RunningRelative, relative_error
 
 pytestmark = pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
 
@@ -61,6 +61,25 @@ def test_running_figures(seed, sizes, scale):
 
     for found, expected in zip(*both(figures), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+
+
+@given(seeds, st.integers(0, 20), st.sampled_from([1e-9, 1.0, 1e3]))
+def test_the_same_steps(seed, count, scale):
+    truth, _, estimate = run(seed, count, scale)
+    for found, expected in zip(*both(lambda: relative_error(truth, estimate)), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * max(scale, 1.0))
+
+
+@given(seeds, st.lists(st.sampled_from([0.0, 1e-17, 1e-16, 2e-14, 1e-3]), min_size=1, max_size=5))
+def test_the_same_are_positive_definite(seed, smallest):
+    axes, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(len(smallest), 6, 6)))
+    values = np.ones((len(smallest), 6))
+    values[:, 0] = smallest
+    covariance = (axes * values[:, None]) @ axes.swapaxes(-1, -2)
+    found, expected = both(lambda: positive_definite(covariance))
+    assert np.array_equal(found, expected)
+    # What C is sure of, every order of the sums is.
+    assert are_positive(covariance) <= expected.all()
 
 
 @pytest.mark.parametrize("place", [0, 3])

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from trajeval_ros import lapack, loops
 from trajeval_ros.likelihood.band import BandWhitener
-from trajeval_ros.likelihood.gaussian import CovarianceError
+from trajeval_ros.likelihood.gaussian import CovarianceError, are_positive
 from trajeval_ros.likelihood.joint import FactorRows
 
 Array = npt.NDArray[np.float64]
@@ -83,6 +83,8 @@ def _check(covariance: Array, first: int) -> None:
 
     Its index counts from ``first``.
     """
+    if are_positive(covariance):
+        return
     try:
         # It lets NaN through.
         wrong = ~np.isfinite(np.linalg.cholesky(covariance)[:, 5, 5])

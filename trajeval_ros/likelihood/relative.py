@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from trajeval_ros import se3
+from trajeval_ros import loops, se3
 from trajeval_ros.likelihood.band import BandFactor, empty_band, factorize, fill_band
 from trajeval_ros.likelihood.gaussian import (
     LOG_2PI,
@@ -43,9 +43,20 @@ def relative_error(ground_truth: Array, estimate: Array) -> tuple[Array, Array]:
     ground_truth, estimate: (M, 4, 4), each in a world of its own.
     Returns e, (M-1, 6), in the body frame at the step's end, and A, (M-1, 6, 6).
     """
+    if loops.there():
+        return _relative_error(loops.doubles(ground_truth), loops.doubles(estimate))
     backwards = se3.inverse(ground_truth[1:]) @ ground_truth[:-1]
     error = se3.compose(backwards, se3.inverse(estimate[:-1]), estimate[1:])
     return se3.log(error), se3.adjoint(backwards)
+
+
+def _relative_error(ground_truth: Array, estimate: Array) -> tuple[Array, Array]:
+    """`relative_error` in C."""
+    count = max(len(ground_truth) - 1, 0)
+    error, adjoint = np.empty((count, 6)), np.empty((count, 6, 6))
+    series = se3.LOGARITHM_TABLE, len(se3.LOGARITHM_TABLE)
+    loops.call("relative_steps", count, ground_truth, estimate, *series, error, adjoint)
+    return error, adjoint
 
 
 def covariance_blocks(covariance: Array | FactorRows, bandwidth: int) -> Array | FactorRows:

@@ -25,16 +25,6 @@ typedef struct {
     int64_t dimension, terms;
 } Alignment;
 
-/* c = a b, of poses (4, 4). */
-static void compose(const double *a, const double *b, double *c)
-{
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++) {
-            c[4 * i + j] = 0.0;
-            for (int k = 0; k < 4; k++) c[4 * i + j] += a[4 * i + k] * b[4 * k + j];
-        }
-}
-
 /* The residual (6) of a pose, and where it lies aligned (4, 4). */
 static void residual(const Alignment *g, const double *truth, const double *estimate, double *eps,
                      double *aligned)
@@ -42,9 +32,9 @@ static void residual(const Alignment *g, const double *truth, const double *esti
     double scaled[16], back[16], apart[16];
     memcpy(scaled, estimate, sizeof scaled);
     for (int i = 0; i < 3; i++) scaled[4 * i + 3] *= g->scale;
-    compose(g->pose, scaled, aligned);
+    se3_compose(g->pose, scaled, aligned);
     se3_inverse(truth, back, 1);
-    compose(back, aligned, apart);
+    se3_compose(back, aligned, apart);
     se3_log(apart, eps, 1, g->series, g->terms);
 }
 

@@ -8,6 +8,7 @@
  *     S = A P A^T + Sigma = L L^T,    m <- Sigma S^-1 (A m + e),    P <- (A P A^T) S^-1 Sigma.
  */
 #include "cholesky.h"
+#include "se3.h"
 
 /* out = a b^T; all (D, D). */
 static void times_transposed(const double a[D][D], const double b[D][D], double out[D][D]) {
@@ -79,4 +80,43 @@ int64_t innovations(int64_t count, const double *error, const double *adjoint, c
                   log_det + i))
             return i + 1;
     return 0;
+}
+
+/* Of poses (count + 1, 4, 4), ground truth and estimate, the relative errors e (count, 6) of the
+ * steps and their adjoints A (count, 6, 6), as `likelihood/relative.py` has them. series (terms, 2):
+ * as `se3_log`. */
+int relative_steps(int64_t count, const double *ground_truth, const double *estimate,
+                   const double *series, int64_t terms, double *error, double *adjoint) {
+    for (int64_t n = 0; n < count; n++, ground_truth += 16, estimate += 16) {
+        double inverse[16], backwards[16], apart[16], product[16];
+        se3_inverse(ground_truth + 16, inverse, 1);
+        se3_compose(inverse, ground_truth, backwards);
+        se3_inverse(estimate, inverse, 1);
+        se3_compose(backwards, inverse, product);
+        se3_compose(product, estimate + 16, apart);
+        se3_log(apart, error + D * n, 1, series, terms);
+        se3_adjoint(backwards, adjoint + D * D * n, 1);
+    }
+    return 0;
+}
+
+/* Whether all covariances (count, 6, 6), scaled to a unit diagonal, have a Cholesky factor less
+ * ``least`` times the identity. */
+int all_positive(int64_t count, const double *covariance, double least) {
+    for (int64_t n = 0; n < count; n++, covariance += D * D) {
+        double scale[D], scaled[D * D], lower[D][D], log_det;
+        for (int i = 0; i < D; i++) {
+            const double variance = covariance[D * i + i];
+            if (!(variance > 0.0 && variance <= DBL_MAX)) return 0;
+            scale[i] = 1.0 / sqrt(variance);
+        }
+        for (int i = 0; i < D; i++)
+            for (int j = 0; j < D; j++) {
+                const double entry = scale[i] * covariance[D * i + j] * scale[j];
+                if (!isfinite(entry)) return 0;
+                scaled[D * i + j] = entry - (i == j ? least : 0.0);
+            }
+        if (factor(scaled, lower, &log_det)) return 0;
+    }
+    return 1;
 }

@@ -239,6 +239,16 @@ int se3_inverse(const double *poses, double *inverses, int64_t count)
     return 0;
 }
 
+/* c = a b, of poses (4, 4). */
+void se3_compose(const double *a, const double *b, double *c)
+{
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++) {
+            c[4 * i + j] = 0.0;
+            for (int k = 0; k < 4; k++) c[4 * i + j] += a[4 * i + k] * b[4 * k + j];
+        }
+}
+
 /* Ad_T, (n, 6, 6), of poses (n, 4, 4). */
 int se3_adjoint(const double *poses, double *adjoints, int64_t count)
 {
