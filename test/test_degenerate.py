@@ -29,6 +29,9 @@ def numbers(value):
     if dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
             yield from numbers(getattr(value, field.name))
+    elif isinstance(value, tuple):
+        for each in value:
+            yield from numbers(each)
     elif isinstance(value, float | np.floating | np.ndarray):
         yield from np.ravel(value).tolist()
 

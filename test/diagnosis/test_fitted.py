@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Causes from the error model's fit: named when they matter, with the value to set."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from error_model.test_fit import DRIFT, VELOCITY, WANDER, ask, estimate
@@ -86,8 +84,8 @@ def mounted(arm, turn, covariance):
     found = fit(*estimate(Kind.DRIFT, FINE, Nuisances.none()), ask)
     extrinsic = se3.exp(np.array([0.0, 0.0, 0.0, *turn]))
     extrinsic[:3, 3] = arm
-    nuisances = replace(Nuisances.none(), extrinsic=extrinsic)
-    return named(replace(found, nuisances=nuisances, covariance=covariance))
+    nuisances = Nuisances.none()._replace(extrinsic=extrinsic)
+    return named(found._replace(nuisances=nuisances, covariance=covariance))
 
 
 def test_a_cause_and_the_headline_say_the_same_and_the_advice_sets_no_more():

@@ -3,7 +3,6 @@
 """Blocks together are what all of them by least squares say, and of any number as much is kept."""
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,11 +31,11 @@ def model(rng, seconds, kind=Kind.DRIFT, std=STD, apart=1.0, **more):
     }
     poses = int(rng.integers(150, 400))
     fixed = ErrorModel(
-        *(kind, groups, replace(TRUE, clock_offset=offset).moved(off), root @ root.T, (), poses),
+        *(kind, groups, TRUE._replace(clock_offset=offset).moved(off), root @ root.T, (), poses),
         *(9.0 * poses, 8.0 * poses, rng.uniform(0.8, 1.2), rng.uniform(-0.1, 0.1, (2, 5)), ()),
         {Kind.DRIFT: 9.0, Kind.WANDER: rng.uniform(7.0, 8.0)},
     )
-    return replace(fixed, **more)
+    return fixed._replace(**more)
 
 
 def blocks(models, every=20):
@@ -66,13 +65,13 @@ def test_they_are_the_least_squares_of_all(sharper, tolerance):
         right.append(root @ [*clock, *turned, np.log(n.scale / reference.scale)])
     rows, right = np.concatenate(rows), np.concatenate(right)
     step, (left,), *_ = np.linalg.lstsq(rows, right, rcond=None)
-    expected = replace(reference, clock_rate=0.0).moved(step)
+    expected = reference._replace(clock_rate=0.0).moved(step)
     np.testing.assert_allclose(run.nuisances.vector, expected.vector, rtol=1e-9, atol=1e-12)
     larger = max(left / (9 * 29), 1.0)
     np.testing.assert_allclose(
         run.std, np.sqrt(larger * np.diag(np.linalg.inv(rows.T @ rows))), rtol=tolerance
     )
-    there = replace(TRUE, clock_offset=TRUE.clock_offset + TRUE.clock_rate * 290.0)
+    there = TRUE._replace(clock_offset=TRUE.clock_offset + TRUE.clock_rate * 290.0)
     assert (np.abs(run.nuisances.vector - there.vector) < 4.0 * run.std).all()
     assert larger > 2.0
     poses = np.array([each.poses for each in models])

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A chain's loops in C say what NumPy says, which has another way: a factor for a filter."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -191,7 +189,7 @@ def put(name, number, value):
     def changed(series):
         array = getattr(series, name).copy()
         array[..., number] = value
-        return replace(series, **{name: array})
+        return series._replace(**{name: array})
 
     return changed
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which poses count where the ground truth is sampled more rarely, and what is named then."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from error_model.test_fit import DRIFT, nuisance_scores
@@ -122,7 +120,7 @@ def test_what_the_ground_truth_says_between_rare_samples_does_not_matter():
     def turned_back(stamps):
         known = rarely_sampled(stamps)
         shift = known.twists * (0.3 * np.sin(2 * np.pi * stamps / SECOND))[:, None]
-        return replace(known, poses=known.poses @ se3.exp(-shift), twists=-0.9 * known.twists)
+        return known._replace(poses=known.poses @ se3.exp(-shift), twists=-0.9 * known.twists)
 
     nuisances = Nuisances(0.02, 0.0, np.eye(4), 1.0)
     stamps, poses = seen(3, nuisances)

@@ -65,7 +65,7 @@ def test_answers_by_records_are_those_of_numpy_alone(near, count):
     stamps = np.cumsum(rng.choice([SECOND // 50, SECOND // 5], count, p=[0.8, 0.2]))
     record = poses(stamps, np.tile(np.eye(4), (count, 1, 1))).truth
     covariances = rng.normal(size=(count, 6, 6))
-    record = replace(record, covariances=covariances @ covariances.swapaxes(1, 2))
+    record = record._replace(covariances=covariances @ covariances.swapaxes(1, 2))
     asked = np.sort(rng.integers(stamps[0] - SECOND, stamps[-1] + SECOND, 400))
     asked = np.sort(np.concatenate([asked, stamps[::3]]))
     found = record.at(asked, near)

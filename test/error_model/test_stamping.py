@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stamps that scatter are told from the estimate's errors, and errors are not taken for them."""
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_its_variance_is_along_the_twist_of_each_pose():
     data, _ = prepare(stamps, errs, truth, Nuisances.none())
     twist = truth.twists
     wider = truth.covariances + 4e-6 * twist[:, :, None] * twist[:, None, :]
-    expected, _ = prepare(stamps, errs, replace(truth, covariances=wider), Nuisances.none())
+    expected, _ = prepare(stamps, errs, truth._replace(covariances=wider), Nuisances.none())
     found = with_scatter(data, 4e-6)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-12, atol=1e-18)
     back = with_scatter(found, -4e-6).covariance
@@ -125,7 +125,7 @@ def test_one_scatter_of_several_stretches():
     assert Scatters().together() is None
     assert Scatters().with_one(None, 100).with_one(one, 100).together() is None
     most = Scatters().with_one(None, 100).with_one(one, 101).together()
-    assert astuple(most) == pytest.approx(astuple(one), rel=1e-9)
+    assert most == pytest.approx(one, rel=1e-9)
     both = Scatters().with_one(one, 100).with_one(other, 300).together()
     assert both.value == pytest.approx(np.sqrt((1e-4 + 3 * 4e-4) / 4))
     assert both.nats == 80.0

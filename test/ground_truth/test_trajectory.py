@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ground truth as a whole: blending, continuity, what it knows when, and its symmetries."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -541,7 +539,7 @@ def test_no_query_no_answer():
 
 
 def test_twist_is_the_derivative_of_the_pose():
-    shape = replace(SHAPE, overlap=0.3)
+    shape = SHAPE._replace(overlap=0.3)
     truth = ground_truth(sampled(regular(12, 50)), shape=shape)
     # Away from hand-overs, whose change of weights is no motion.
     handovers = [b.incoming for b in truth._segmentation if b.incoming is not None]

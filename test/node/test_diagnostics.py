@@ -147,13 +147,13 @@ def test_clock(clock: ClockState, level: int, words: str) -> None:
 
 def test_consistency() -> None:
     assert "learning" in check_consistency(HEALTH).message
-    assert check_consistency(replace(HEALTH, consistency=1e-12)).level == Level.OK
-    assert check_consistency(replace(HEALTH, consistency=1e-3)).level == Level.WARN
+    assert check_consistency(HEALTH._replace(consistency=1e-12)).level == Level.OK
+    assert check_consistency(HEALTH._replace(consistency=1e-3)).level == Level.WARN
 
 
 def test_learned_hyperparameters_are_given_by_the_names_of_the_parameters() -> None:
     group = GroupHyperparameters((Component(0.1, 2.0), Component(0.2, 3.0)), 1e-3)
-    status = check_consistency(replace(HEALTH, hyperparameters=Hyperparameters(group, group)))
+    status = check_consistency(HEALTH._replace(hyperparameters=Hyperparameters(group, group)))
     values = {name: value for name, value in status.values.items() if name.startswith("gp.")}
     assert set(values) <= set(PARAMETERS)
     assert values["gp.translation.signal_std"] == "0.1"

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from trajeval_ros import se3
 from trajeval_ros.commands import evaluate
@@ -52,3 +53,13 @@ def test_no_path_where_nothing_moves(tmp_path: Path) -> None:
     assert "sub-trajectory, s" in "".join(pictures(page))
     assert "m of path" not in "".join(pictures(page))
     assert "Drift over 100 m" not in page
+
+
+def test_what_is_printed_needs_none_of_it(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    written(tmp_path, 10.0)
+    told = capsys.readouterr().out
+    files = [str(tmp_path / "gt.txt"), str(tmp_path / "est.txt")]
+    assert evaluate.main(["tum", *files]) == 0
+    printed = capsys.readouterr().out.strip()
+    assert len(printed.splitlines()) > 20
+    assert told.startswith(printed)

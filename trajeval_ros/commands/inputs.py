@@ -8,9 +8,8 @@ import argparse
 import itertools
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from trajeval_ros.commands.console import Answered, CommandError, Progress, UsageError
 from trajeval_ros.commands.figures import table
@@ -28,8 +27,7 @@ AUTO = "auto"
 SECOND = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class Inputs:
+class Inputs(NamedTuple):
     """Ground truth and estimates as read; ``names`` (n,) of the estimates.
 
     ``remarks``: what was assumed in reading them, a line each.
@@ -185,7 +183,7 @@ def cut(arguments: argparse.Namespace, data: Inputs, time_offsets: Sequence[floa
         raise CommandError(str(error)) from error
     kept = tuple(estimates.values())
     remarks = (*data.remarks, words(span, truth, kept))
-    return replace(data, ground_truth=truth, estimates=kept, remarks=remarks)
+    return data._replace(ground_truth=truth, estimates=kept, remarks=remarks)
 
 
 def _add_times(parser: argparse.ArgumentParser) -> None:
@@ -292,7 +290,7 @@ def read(arguments: argparse.Namespace) -> Inputs:
     differences = _differences(inputs.ground_truth, *inputs.estimates)
     if arguments.strict and differences:
         raise CommandError(f"--strict: {differences[0]}")
-    return replace(inputs, remarks=inputs.remarks + differences)
+    return inputs._replace(remarks=inputs.remarks + differences)
 
 
 def _read_files(arguments: argparse.Namespace) -> Inputs:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -82,7 +81,7 @@ def score(
         before = _found(data, parameters, _records(data, parameters))
         corrections = _corrections(data, parameters, before, apply)
         right = tuple(each.estimate for each in corrections.values())
-        data = replace(data, estimates=right)
+        data = data._replace(estimates=right)
         for each in corrections.values():
             parameters = {**parameters, **each.changed}
     if align_origin:
@@ -92,12 +91,12 @@ def score(
     settings = settings_of(parameters, data.names)
     with contextlib.ExitStack() as stack:
         runs = {
-            name: _Run(name, data, parameters, _place(data, output, name), stack)
+            name: _Run(name, data, parameters, _place(data, output, name), stack, spread=is_told)
             for name in data.names
         }
         recorded = {} if exports is None else exports.recorded(data.names)
         scorings = {
-            name: replace(run.scoring, observe=recorded[name].observe) if recorded else run.scoring
+            name: run.scoring._replace(observe=recorded[name].observe) if recorded else run.scoring
             for name, run in runs.items()
         }
         # To be told of, a file is read once more.
@@ -208,7 +207,7 @@ def _together(
 def _with_arguments(scored: Scored, given: Sequence[str]) -> Scored:
     """What was scored, with the command line among what its summary is of."""
     inputs = {**scored.summary["inputs"], "arguments": list(given)}
-    return replace(scored, summary={**scored.summary, "inputs": inputs})
+    return scored._replace(summary={**scored.summary, "inputs": inputs})
 
 
 def _require_poses(scored: Scored, estimate: Trajectory) -> None:
@@ -275,7 +274,7 @@ def _aligned_at_the_origin(
         origin = poses.ground_truth[0] @ se3.inverse(poses.estimate[0])
         estimates.append(moved(estimate, origin))
     remark = "each estimate is laid on the ground truth at its first pose, and not aligned besides"
-    return replace(data, estimates=tuple(estimates), remarks=(*data.remarks, remark))
+    return data._replace(estimates=tuple(estimates), remarks=(*data.remarks, remark))
 
 
 def _place(data: Inputs, output: str, name: str) -> str:
@@ -293,6 +292,8 @@ class _Run:
         parameters: Mapping[str, Value],
         output: str,
         stack: contextlib.ExitStack,
+        *,
+        spread: bool,
     ) -> None:
         estimate = data.estimates[data.names.index(name)]
         self._truth = data.ground_truth
@@ -311,7 +312,7 @@ class _Run:
                 raise CommandError(str(error)) from error
             self._full = str(error)
         report = Report(self._parameters, self._sources)
-        self.scoring = Scoring(estimate, report, self._folder)
+        self.scoring = Scoring(estimate, report, self._folder, spread=spread)
 
     def require_poses(self, scored: Scored) -> None:
         """Refuse it where not a single pose could be evaluated; say why, by the stamps too."""

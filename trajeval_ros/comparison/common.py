@@ -70,8 +70,7 @@ class Evaluated:
         )
 
 
-@dataclasses.dataclass(frozen=True)
-class Extent:
+class Extent(NamedTuple):
     """How much of a run: number of poses, and time in s."""
 
     poses: int

@@ -73,9 +73,9 @@ class Comparison:
         return {
             "a": self.a,
             "b": self.b,
-            "common": dataclasses.asdict(self.coverage.common),
-            "only_a": dataclasses.asdict(self.coverage.only_a),
-            "only_b": dataclasses.asdict(self.coverage.only_b),
+            "common": self.coverage.common._asdict(),
+            "only_a": self.coverage.only_a._asdict(),
+            "only_b": self.coverage.only_b._asdict(),
             "since_ns": self.since,
             **{name: None if r is None else r.figures() for name, r in ratios.items()},
         }

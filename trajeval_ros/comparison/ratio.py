@@ -34,10 +34,9 @@ and no interval.
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,8 +72,7 @@ class Reason(enum.StrEnum):
     """One of the two has no error at all."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Ratio:
+class Ratio(NamedTuple):
     """RMSE of a over RMSE of b.
 
     Attributes:
@@ -161,9 +159,9 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
     ratio = rmse_a / rmse_b if rmse_b > 0.0 else None
     plain = Ratio(rmse_a, rmse_b, unit, len(a), ratio)
     if ratio is None or ratio == 0.0:
-        return dataclasses.replace(plain, reason=Reason.ZERO)
+        return plain._replace(reason=Reason.ZERO)
     if len(a) < FEWEST:
-        return dataclasses.replace(plain, reason=Reason.TOO_FEW)
+        return plain._replace(reason=Reason.TOO_FEW)
     edges = np.linspace(0, len(a), min(BINS, len(a)) + 1).astype(int)[:-1]
     sums_a, sums_b = np.add.reduceat(squares_a, edges), np.add.reduceat(squares_b, edges)
     linear = 0.5 * (sums_a / sums_a.mean() - sums_b / sums_b.mean())
@@ -172,15 +170,14 @@ def ratio_of(a: Array, b: Array, unit: Unit, method: Method | None = None, seed:
         # One is a multiple of the other: nothing is left to chance.
         std, dof = 0.0, float(len(linear))
     elif may_be_a_walk(linear):
-        return dataclasses.replace(plain, reason=Reason.ONE_WALK)
+        return plain._replace(reason=Reason.ONE_WALK)
     elif method == "stationary_bootstrap":
         std, dof = _bootstrap(sums_a, sums_b, linear, seed)
     else:
         std, dof = block_t(linear)
     log_ratio = float(np.log(ratio))
     half = student_quantile(0.025, dof) * std
-    return dataclasses.replace(
-        plain,
+    return plain._replace(
         interval=(float(np.exp(log_ratio - half)), float(np.exp(log_ratio + half))),
         p_value=_p_value(log_ratio, std, dof),
         method=method,

@@ -9,8 +9,6 @@ The best B is Wahba's problem. What no B explains is a quaternion that was read 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 
@@ -94,7 +92,7 @@ def misread_or_turned(
         raw = fit_turn(between(ground_truth, first, second), between(estimate, first, second))
         if raw.as_is < _WRONG:
             return (_needless_turn(fit, raw),)
-        fit = replace(raw, as_is=fit.as_is)
+        fit = raw._replace(as_is=fit.as_is)
     reread, cause = _misread(fit, first, second, ground_truth, estimate)
     # About one axis, a turn of the body by 180 degrees looks like conjugated quaternions.
     turned = fit.turned < _EXPLAINED and (fit.axes > 1 or fit.turned < reread.as_is)

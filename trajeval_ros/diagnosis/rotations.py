@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -64,8 +64,7 @@ def quaternion(rotation: Array) -> list[float]:
     return [float(value) + 0.0 for value in se3.to_position_quaternion(pose)[1]]
 
 
-@dataclass(frozen=True, slots=True)
-class TurnFit:
+class TurnFit(NamedTuple):
     """The turn B (3, 3) that explains rotations best, and the shares it leaves unexplained."""
 
     turn: Array

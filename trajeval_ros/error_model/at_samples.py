@@ -11,7 +11,8 @@ the estimate's own twist, too, as the ground truth's between rare samples may be
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -120,7 +121,7 @@ def _with_whole_jitter(model: ErrorModel, averaged: float) -> ErrorModel:
         for group, figures in model.groups.items()
     }
     stamps = model.stamps and model.stamps.larger(1.0 / factor)
-    return replace(model, groups=groups, stamps=stamps)
+    return model._replace(groups=groups, stamps=stamps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +141,7 @@ class _Moved:
         return Truth(poses, self.covariances, self.twists, every)
 
 
-@dataclass(frozen=True, slots=True)
-class _Between:
+class _Between(NamedTuple):
     """An estimate between its poses (N, 4, 4) at ``stamps`` (N,) ns, increasing."""
 
     stamps: Stamps

@@ -10,7 +10,6 @@ are taken off the errors before. Arrays have the pose as their last axis.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -76,7 +75,7 @@ class Axes:
 
     def at(self, parameters: Array, weights: tuple[Array, Array]) -> Axes:
         """The likelihood at another place."""
-        series = replace(self.series, measured=weights[0], moved=weights[1])
+        series = self.series._replace(measured=weights[0], moved=weights[1])
         return Axes(self.kind, parameters, series)
 
     @property

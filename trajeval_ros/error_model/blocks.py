@@ -210,7 +210,7 @@ class Blocks:
             covariance = covariance * max(self.left / (COUNT * (self.count - 1)), 1.0)
         there = _later(0.5 * (self.begin + self.end) - self.middle)
         covariance = there @ covariance @ there.T
-        moved = replace(self.reference, clock_rate=0.0).moved(there @ delta)
+        moved = self.reference._replace(clock_rate=0.0).moved(there @ delta)
         return moved, 0.5 * (covariance + covariance.T)
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +30,7 @@ _CHANCE = 3.0
 _SHORTEST = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(NamedTuple):
     """What a part of a run says of the clock.
 
     begin, end: stamps of its first and last pose, ns. offset, std: s, of what is to be added to the
@@ -44,8 +43,7 @@ class Stretch:
     std: float
 
 
-@dataclass(frozen=True, slots=True)
-class ClockChange:
+class ClockChange(NamedTuple):
     """The offset went from ``before`` to ``after`` (s, ``std`` of the difference).
 
     About the stamps ``begin`` and ``end`` (ns), between two stretches.

@@ -7,7 +7,6 @@ The formulas are in ``loops/chain.c``.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -100,7 +99,7 @@ def climbed(
     told = loops.call("chain_climb", NUMBERS[kind], count, size, *given, *rules, *reached, work)
     if told < 0:
         raise np.linalg.LinAlgError("no likelihood")
-    there = replace(series, measured=factors[:count], moved=factors[count:])
+    there = series._replace(measured=factors[:count], moved=factors[count:])
     return here, there, Known(filtered, found, smoothed if told else None)
 
 

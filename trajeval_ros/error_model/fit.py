@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -128,8 +128,7 @@ def _fit(problem: _Problem, most_scatter: float) -> ErrorModel | None:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
+class _Found(NamedTuple):
     """A maximum. alternatives: nats a pose of each process."""
 
     nuisances: Nuisances
@@ -156,7 +155,7 @@ def _with_scatter(
     gained = reached(here) - reached(plain.here)
     if gained < _GAIN_OF_SCATTER:
         return None
-    return replace(found, here=here), described_scatter(here, value, std, gained)
+    return found._replace(here=here), described_scatter(here, value, std, gained)
 
 
 def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
@@ -211,8 +210,7 @@ def _nats_per_pose(found: Likelihood) -> float:
     return reached(found) / found.count
 
 
-@dataclass(frozen=True, slots=True)
-class _Candidate:
+class _Candidate(NamedTuple):
     """A process near its maximum, and how good it is there.
 
     ``score``: what is maximal, less what more parameters gain by chance.
@@ -309,7 +307,7 @@ class _Problem:
                 break
             nuisances = proposed
             data, gauge = self._prepared(nuisances, near=True, part=coarse)
-            found = search(kind, data, gauge, gain, replace(found, theta=found.theta - step))
+            found = search(kind, data, gauge, gain, found._replace(theta=found.theta - step))
         return nuisances, found
 
     def without_drift(self, nuisances: Nuisances) -> Guess:
@@ -339,7 +337,7 @@ class _Problem:
                     guess = search(kind, *self._prepared(nuisances, True, True), _COARSE, drift)
                     if many:
                         # The outliers of all poses are known by now.
-                        guess = replace(guess, measured=whole.measured, moved=whole.moved)
+                        guess = guess._replace(measured=whole.measured, moved=whole.moved)
                         if kind is Kind.VELOCITY:
                             guess.parameters[:, :2] = whole.parameters
                         guess = search(kind, data, gauge, _COARSE, guess)

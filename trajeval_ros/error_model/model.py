@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,7 @@ from trajeval_ros.error_model.stamping import Scatter
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Figure:
+class Figure(NamedTuple):
     """A figure with its standard deviation, or its 95 % interval.
 
     interval: by the profile of the likelihood, where a parameter is near nothing, or hardly told:
@@ -37,8 +36,7 @@ class Figure:
         return Figure(self.value / factor, self.std / factor, scaled)
 
 
-@dataclass(frozen=True, slots=True)
-class Jump:
+class Jump(NamedTuple):
     """A move that no drift explains. stamp: ns, of the pose after it; sizes in m and rad."""
 
     stamp: int
@@ -46,8 +44,7 @@ class Jump:
     rotation: float
 
 
-@dataclass(frozen=True, slots=True)
-class Unobserved:
+class Unobserved(NamedTuple):
     """A direction of the nuisances that the motion does not show.
 
     direction: (9,), in the order of `NAMES`, s, 1, m, rad and 1, one standard deviation long.
@@ -63,8 +60,7 @@ class Unobserved:
         return tuple(NAMES[i] for i in order if share[i] > 0.3 * share.max())
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorModel:
+class ErrorModel(NamedTuple):
     """What is fitted.
 
     kind: the likeliest process. groups: its parameters, of translation (m) and rotation (rad).

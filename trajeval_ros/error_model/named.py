@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,8 +74,8 @@ def named(model: ErrorModel) -> Figures:
             {"stamp": each.stamp, "translation": each.translation, "rotation": each.rotation}
             for each in model.jumps
         ],
-        "clock_changes": [asdict(each) for each in model.clock_changes],
-        "clock_stretches": [asdict(each) for each in joined(model.clock_stretches, _STRETCHES)],
+        "clock_changes": [each._asdict() for each in model.clock_changes],
+        "clock_stretches": [each._asdict() for each in joined(model.clock_stretches, _STRETCHES)],
     }
 
 

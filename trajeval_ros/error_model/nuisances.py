@@ -13,7 +13,7 @@ world's axes and up to the alignment, the error of a pose at (R, p) with body tw
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,8 +43,7 @@ _RESOLUTION = 2.0**-30
 _SMALL_ANGLE = 0.02
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(NamedTuple):
     """The ground truth at N instants.
 
     poses: (N, 4, 4). covariances: (N, 6, 6) of their right perturbation. twists: (N, 6), body
@@ -79,8 +78,7 @@ def to_resolution(values: Array) -> Array:
     return np.asarray(np.rint(values / _RESOLUTION) * _RESOLUTION)
 
 
-@dataclass(frozen=True, slots=True)
-class Nuisances:
+class Nuisances(NamedTuple):
     """clock_offset: τ₀, s. clock_rate: τ₁. extrinsic: E (4, 4). scale: s."""
 
     clock_offset: float

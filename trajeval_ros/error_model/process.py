@@ -19,7 +19,7 @@ Every parameter is the logarithm of a standard deviation or of a time.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -55,8 +55,7 @@ NUMBERS = {Kind.DRIFT: 0, Kind.VELOCITY: 1, Kind.WANDER: 2}
 """What the loops in C call each."""
 
 
-@dataclass(frozen=True, slots=True)
-class Steps:
+class Steps(NamedTuple):
     """A group's F and Q, (n, k, k), and their derivatives by each of its p parameters.
 
     slope_transition, slope_noise: (p, n, k, k). prior: the precision of the first pose's states,

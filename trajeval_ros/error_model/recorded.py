@@ -8,7 +8,7 @@ nor its samples, which are long forgotten.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,8 +24,7 @@ Stamps = npt.NDArray[np.int64]
 _WIDEST = 0.15
 
 
-@dataclass(frozen=True, slots=True)
-class Recorded:
+class Recorded(NamedTuple):
     """Answers at N instants: stamps (N,) ns, increasing; poses, covariances, twists as in `Truth`.
 
     Cubics in position and rotation vector that have the twists at both ends go from one to the

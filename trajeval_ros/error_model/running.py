@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -79,8 +80,7 @@ def fit_poses(poses: Poses) -> ErrorModel | None:
     return fit_independent(truth.stamps, poses.estimate, poses.nearest, truth.at, known, MOST)
 
 
-@dataclass(frozen=True, slots=True)
-class Fitted:
+class Fitted(NamedTuple):
     """``model``: of a stretch, or None; of a block also ``run``, with ``blocks`` and all before.
 
     ``run`` is left to whoever asks for it where the fit was made without.
@@ -91,8 +91,7 @@ class Fitted:
     run: ErrorModel | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Due:
+class Due(NamedTuple):
     """A fit that is due: of a block of the run, after ``blocks``, or of the window."""
 
     poses: Poses

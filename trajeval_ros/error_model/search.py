@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -54,8 +54,7 @@ _MOST_COLUMNS = 16
 _IGNORED = 1e-8
 
 
-@dataclass(frozen=True, slots=True)
-class Guess:
+class Guess(NamedTuple):
     """Near a maximum.
 
     parameters: ψ (2, p). measured, moved: weights, (N, 2) and (N - 1, 2). theta: of the nuisances,
@@ -191,7 +190,7 @@ class _Search:
             theta[: len(begin.theta)] = begin.theta
             if len(begin.measured) == len(self._data.times):
                 self._series = [
-                    replace(each, **_weights(begin, g)) for g, each in enumerate(self._series)
+                    each._replace(**_weights(begin, g)) for g, each in enumerate(self._series)
                 ]
             if begin.kind is self._kind:
                 places = [
@@ -271,12 +270,12 @@ class _Search:
         moved = [False, False]
 
         def chain(g: int, series: Series) -> Axes:
-            here = Axes(self._kind, begin.parameters[g], replace(series, **_weights(begin, g)))
+            here = Axes(self._kind, begin.parameters[g], series._replace(**_weights(begin, g)))
             if not again[g]:
                 return here
             low, high = self._low[g], self._high[g]
-            bare = replace(
-                series, measured=np.ones_like(series.measured), moved=np.ones_like(series.moved)
+            bare = series._replace(
+                measured=np.ones_like(series.measured), moved=np.ones_like(series.moved)
             )
             places = [begin.parameters[g], *structure.starts(self._kind, bare)]
             there = max(
@@ -309,7 +308,7 @@ class _Search:
         """The chains at a guess; theta: of all nuisances, (c,)."""
 
         def chain(g: int, series: Series) -> Axes:
-            return Axes(self._kind, guess.parameters[g], replace(series, **_weights(guess, g)))
+            return Axes(self._kind, guess.parameters[g], series._replace(**_weights(guess, g)))
 
         return self._rotation_first(theta, chain)
 
@@ -332,14 +331,14 @@ class _Search:
                 heading = np.ascontiguousarray(found[0].states[:, 0].T)
                 errors = self._turned(heading[..., None], errors[..., None])[..., 0]
             errors = np.ascontiguousarray(errors.T)
-            found.insert(0, chain(g, replace(self._series[g], errors=errors)))
+            found.insert(0, chain(g, self._series[g]._replace(errors=errors)))
         return found
 
     def _maximum(self, group: int, place: Axes | None, series: Series) -> Axes:
         low, high = self._low[group], self._high[group]
         if place is not None:
             measured, moved = place.weights
-            series = replace(series, measured=measured, moved=moved)
+            series = series._replace(measured=measured, moved=moved)
             begin = place.parameters, series
         else:
             candidates = [
@@ -368,7 +367,7 @@ class _Search:
         leaps = np.cumsum(place.moves[:, 0] * (1.0 - 1.0 / moved), axis=1)
         errors = series.errors - place.residual * (1.0 - 1.0 / measured)
         errors[:, 1:] -= leaps
-        return replace(series, errors=errors)
+        return series._replace(errors=errors)
 
     def _regressed(self, places: list[Axes], theta: Array) -> tuple[Array, Array]:
         """A step of θ by generalised least squares, and its covariance."""
@@ -394,7 +393,7 @@ class _Search:
             Axes(
                 self._kind,
                 begin.parameters[g],
-                replace(series, **_weights(begin, g)),
+                series._replace(**_weights(begin, g)),
             )
             for g, series in enumerate(self._series)
         ]

@@ -12,7 +12,8 @@ where positions and orientations are off by the *same* times is it a matter of s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -40,8 +41,7 @@ _GAIN = 5e-3
 _CLIMBS = 10
 
 
-@dataclass(frozen=True, slots=True)
-class Scatter:
+class Scatter(NamedTuple):
     """By how much stamps scatter.
 
     value, std: a standard deviation, and how well it is known, s. nats: by how much the likelihood
@@ -60,8 +60,7 @@ class Scatter:
         return Scatter(value, std, self.nats, factor * self.translation, factor * self.rotation)
 
 
-@dataclass(frozen=True, slots=True)
-class Scatters:
+class Scatters(NamedTuple):
     """Sums over stretches.
 
     poses: of all; scattered: of those whose stamps scatter. squares: of value, translation and
@@ -77,7 +76,7 @@ class Scatters:
     def with_one(self, scatter: Scatter | None, poses: int) -> Scatters:
         """And of another stretch of so many poses."""
         if scatter is None:
-            return replace(self, poses=self.poses + poses)
+            return self._replace(poses=self.poses + poses)
         value, translation, rotation = (
             before + poses * each**2
             for before, each in zip(

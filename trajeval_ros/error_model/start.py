@@ -7,8 +7,6 @@ Each is taken only where it explains most of what is unexplained without it.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 
@@ -42,7 +40,7 @@ def start(stamps: Stamps, estimate: Array, ask: Ask) -> Nuisances:
     extrinsic = np.eye(4)
     extrinsic[:3, :3] = turn
     scale = _scale(truth[:, :3, 3], estimate[:, :3, 3])
-    return replace(found, extrinsic=extrinsic, scale=scale)
+    return found._replace(extrinsic=extrinsic, scale=scale)
 
 
 def _speeds(stamps: Stamps, rotation: Array) -> tuple[Array, Array]:

@@ -11,8 +11,7 @@ With m = 6 k states a pose, k components each of translation and rotation, each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -24,8 +23,7 @@ PREDICTED = 6
 """Rows of an error, and the states that it is seen by."""
 
 
-@dataclass(frozen=True, slots=True)
-class System:
+class System(NamedTuple):
     """N poses and the steps between them.
 
     covariance: V (N, 6, 6), and jitter, the variances by group (N, 2), beside it: R. nuisances
@@ -65,8 +63,7 @@ class System:
         return int(not self.prior[:, 0, 0].all())
 
 
-@dataclass(frozen=True, slots=True)
-class Slopes:
+class Slopes(NamedTuple):
     """By the p parameters of each group.
 
     noise: of Q, (p, 2, k, k, N - 1). moves: of F by the last one, (2, k, k, N - 1). prior: of the
@@ -78,8 +75,7 @@ class Slopes:
     prior: Array
 
 
-@dataclass(frozen=True, slots=True)
-class Told:
+class Told(NamedTuple):
     """What the data say, θ being what it is with the covariance that it has.
 
     states: (N, m). scores: ``R⁻¹ (z - s - K θ)``, (N, 6), and felt, those of the steps' moves,

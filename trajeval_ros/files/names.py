@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns by their names: which of them are a stamp, a position and a quaternion."""
 
-import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 Value = TypeVar("Value", int, float)
 
@@ -37,8 +36,7 @@ _AXIS = re.compile(r"(q|quat|t|p|pos)?([xyzw])")
 _NUMBERED = re.compile(r"q_?\[?([0-3])\]?")
 
 
-@dataclasses.dataclass(frozen=True)
-class Columns:
+class Columns(NamedTuple):
     """Where in a row things stand.
 
     Attributes:

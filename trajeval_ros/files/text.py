@@ -178,7 +178,7 @@ def _plain(named: Columns, layout: Layout) -> bool:
     format_ = layout.named
     if format_ is None or named.exponent is not None:
         return named == format_
-    return named == dataclasses.replace(format_, exponent=None)
+    return named == format_._replace(exponent=None)
 
 
 def _chosen(content: Content, rows: list[int], named: Columns) -> list[str]:

@@ -33,8 +33,9 @@ import math
 import operator
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -81,8 +82,7 @@ _CHECKED = 16
 _FIRST_PAUSE, _LONGEST_PAUSE = 4, 64
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(NamedTuple):
     """``origin + period k``, s after some stamp; ``early``: how sure it is, in periods."""
 
     origin: float
@@ -448,7 +448,7 @@ class RegularClock:
         self._blocks += 1
         x, y = (np.array(each, dtype=np.float64) for each in zip(*self._corners, strict=True))
         better = under((x, y)) if x[-1] > x[0] else line
-        self._line = replace(better, early=_EARLY_LATER if self._blocks >= _SURE else _EARLY)
+        self._line = better._replace(early=_EARLY_LATER if self._blocks >= _SURE else _EARLY)
         if self._blocks % _CHECKED == 0:
             self._check()
 

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -51,8 +51,7 @@ def rounded_up(count: int) -> int:
     return _BLOCK << max(0, (max(count, 1) - 1) // _BLOCK).bit_length()
 
 
-@dataclass(frozen=True, slots=True)
-class Observed:
+class Observed(NamedTuple):
     """All samples so far: ``times`` (n,); ``values`` (n, G, c); variances ``noise`` (n, G)."""
 
     times: Array
@@ -143,8 +142,7 @@ class Factor(ABC):
         """Return ``L⁻ᵀ right``, ``right`` (G, q, rows) being zero from row ``counts`` (q,) on."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Blocks:
+class _Blocks(NamedTuple):
     """B blocks of rows to be factored.
 
     ``times`` (B, 32), of rows without a sample `_NOWHERE`; ``covariances`` (G, B, 32, 32): the

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 # How firmly a segment's scale is held at one: as if so many coordinates had been seen before. Few
 # leave quiet segments overconfident; many do not let the process follow a change of the motion.
@@ -63,8 +64,7 @@ class GroupHyperparameters:
         return {**values, "noise_std": self.noise_std}
 
 
-@dataclass(frozen=True, slots=True)
-class Hyperparameters:
+class Hyperparameters(NamedTuple):
     """Both groups; one set serves all segments (``docs/method.md``, Ground truth)."""
 
     translation: GroupHyperparameters

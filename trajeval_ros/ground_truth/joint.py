@@ -32,6 +32,7 @@ micrometre.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -66,8 +67,7 @@ class Part:
     share: Array
 
 
-@dataclass(frozen=True, slots=True)
-class _Queries:
+class _Queries(NamedTuple):
     """A segment's queries: each one's place in the order of all, its stamp, and D w B s."""
 
     places: npt.NDArray[np.int64]

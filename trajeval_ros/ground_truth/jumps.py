@@ -11,6 +11,7 @@ places are given a gap as long.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -57,8 +58,7 @@ _KNOWN, _ACCELERATION = 3.0, 10.0
 _BY_CLOCK = 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class Jump:
+class Jump(NamedTuple):
     """The origin ``turned`` by (3, 3) about the first sample after, and ``moved`` by (3,) m."""
 
     moved: Array
@@ -110,8 +110,7 @@ class _Places:
         return _Places(times, self.poses)
 
 
-@dataclass(frozen=True, slots=True)
-class _Steps:
+class _Steps(NamedTuple):
     """Between the sides of places: ``vectors`` (n, 3), ``stds`` (n,) an axis, ``speeds`` (n,)."""
 
     vectors: Array

@@ -14,8 +14,8 @@ all positive: they are as accurate as k itself.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -212,8 +212,7 @@ class MarkovSum(KernelSum):
         return np.asarray(found[self._which].reshape(-1, powers.shape[1], self.rank, self.rank))
 
 
-@dataclass(frozen=True, slots=True)
-class _Table:
+class _Table(NamedTuple):
     """What Matérn kernels are in their powers, whatever their σ and l; see `MarkovSum`.
 
     ``widths``: number of kernels that have each power; ``kernel`` (r,): whose each is; ``values``

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -48,8 +48,7 @@ _ROTATION = 1
 _SOFT_LIMITS = (2e-3, 5e-3)
 
 
-@dataclass(frozen=True, slots=True)
-class Lesson:
+class Lesson(NamedTuple):
     """What the hyperparameters are learned from; what they are depends on it alone.
 
     ``moves``: whether there is motion in it; ``accuracy`` as of `Lessons`; ``before``: what motion

@@ -28,8 +28,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -44,8 +44,7 @@ Array = npt.NDArray[np.float64]
 _FAR = 1e9
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(NamedTuple):
     """What one segment gives to learn from.
 
     ``times`` (n,) s; ``values`` (n, c); ``variances`` (n,), known ones that add to the noise.
@@ -121,8 +120,7 @@ class Likelihood:
         return fits[0][1] if log_parameters.ndim == 1 else _Fits(self._shape, fits)
 
 
-@dataclass(frozen=True, slots=True)
-class _Shape:
+class _Shape(NamedTuple):
     """What the m records' likelihoods need beside determinants and squares.
 
     ``counts`` (m,) of samples; ``freedom`` (m,), d above; ``constants`` (m,), of d alone.

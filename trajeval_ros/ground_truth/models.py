@@ -34,8 +34,7 @@ Bounds = list[tuple[float, float]]
 _LONGEST = 60.0  # s; beyond, σ and l act only together
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(NamedTuple):
     """What the data are like: sample ``interval`` (s), ``spread`` and the possible noise."""
 
     interval: float
@@ -148,8 +147,7 @@ class OneKernel:
         ]
 
 
-@dataclass(frozen=True, slots=True)
-class _Motion:
+class _Motion(NamedTuple):
     """A Matérn process of order m/2, driven by white noise of spectral density c σ² (√m/l)ᵐ.
 
     ``order`` m, ``density`` c, ``share`` w.

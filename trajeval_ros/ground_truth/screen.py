@@ -19,7 +19,8 @@ What is decided is a function of the samples alone, however they were cut into b
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -82,8 +83,7 @@ _TIMES_OFF, _OFF = 2.0, 8
 _AT_ONCE = 1024
 
 
-@dataclass(frozen=True, slots=True)
-class Screened:
+class Screened(NamedTuple):
     """Samples that may be used, and the numbers left out by the code of their fault.
 
     ``cuts``: the stamps (ns) from which on samples have a moved origin.
@@ -94,8 +94,7 @@ class Screened:
     cuts: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
+class _Place(NamedTuple):
     """Where samples began, or jumped to: a ``pose`` (4, 4) as it came.
 
     ``back`` (4, 4): what has moved back those that follow; ``before``: those before the jump.
@@ -106,8 +105,7 @@ class _Place:
     before: Array
 
 
-@dataclass(frozen=True, slots=True)
-class _Steps:
+class _Steps(NamedTuple):
     """From each sample's predecessor to it: ``sizes`` (n, 2) m and rad, ``intervals`` (n,) s."""
 
     sizes: Array
@@ -513,7 +511,7 @@ class Screen:
             self._faults.jumped("put_back", stamp, float(moved), float(angle))
             known = self._places[place]
             if place == self._left:
-                known = self._places[place] = replace(known, back=known.before)
+                known = self._places[place] = known._replace(back=known.before)
             back, self._left = known.back, place
             self._memory.forget()
             self._before = None

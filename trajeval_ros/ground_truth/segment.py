@@ -8,6 +8,7 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -63,8 +64,7 @@ class Samples:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Twists:
+class Twists(NamedTuple):
     """Body twists ``means`` (q, 6), m/s and rad/s, and their ``covariances`` (q, 6, 6).
 
     The process's own derivative: of its motion, not of its correlated noise.
@@ -102,8 +102,7 @@ class Answer:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
+class Asked(NamedTuple):
     """What an epoch of a segment is asked: at ``stamps`` (q,), given the samples ``until`` (q,)."""
 
     segment: Segment

@@ -16,6 +16,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count, islice
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,8 +37,7 @@ _TURN_BEGIN = 1.2
 _TURN_END = 2.4
 
 
-@dataclass(frozen=True, slots=True)
-class SegmentShape:
+class SegmentShape(NamedTuple):
     """When a segment is complete: ``duration`` (ns) and ``min_samples``, or ``max_samples``.
 
     ``overlap`` is the share of a segment that it has in common with the next.

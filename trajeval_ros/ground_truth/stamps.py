@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -98,8 +97,7 @@ def slopes(times: Array, coordinates: Array, first: int) -> Array:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Rounding:
+class Rounding(NamedTuple):
     """What rounding makes the stamps uncertain by, s.
 
     ``std``: as white noise, if their coarseness is rounding. Where it is for sure, and the samples

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -45,8 +46,7 @@ _AT_ONCE = 16
 _TOO_EARLY = "a query lies before the retained segments"
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
+class Settings(NamedTuple):
     """The fixed choices.
 
     ``kernel``: the name of a model; ``hyperparameters``: those of every segment, or a process that

@@ -11,7 +11,6 @@ at the g* that minimises ``chi2 = eps^T V^-1 eps``, with J the residuals' deriva
 gauge's d freedoms (see `gauge` for the measure).
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +98,7 @@ def absolute(
         best, information, ending, iterations = minimize(problem, start)
         observed = observability(gauge, spread, log_scale_std(gauge, information))
     if not observed.scale_observed:
-        problem = replace(problem, gauge=gauge.without_scale())
+        problem = problem._replace(gauge=gauge.without_scale())
         best, information, ending, iterations = minimize(problem, start)
     return Absolute(
         information.integral() if observed.scale_observed else None,

@@ -7,7 +7,8 @@ See `absolute` for what is minimised.
 
 import enum
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -78,8 +79,7 @@ _MAX_DAMPING = 1e12
 _PIECE = 4096
 
 
-@dataclass(frozen=True, slots=True)
-class Problem:
+class Problem(NamedTuple):
     """Residuals, whitened, as functions of the alignment.
 
     ground_truth, estimate: (M, 4, 4). factor: of their covariance; or, of poses independent of each
@@ -139,7 +139,7 @@ class Problem:
             return
         for here, part in factor.pieces(_PIECE):
             truth, estimate = self.ground_truth[here], self.estimate[here]
-            yield replace(self, ground_truth=truth, estimate=estimate), part
+            yield self._replace(ground_truth=truth, estimate=estimate), part
 
 
 # The scale never falls below this share of itself in one step.

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -513,7 +512,7 @@ class Evaluator(Node):
                 return
             self._notices_said.add(subject)
             title = ""
-        self._log(replace(notice, text=f"{title}{notice.text}"))
+        self._log(notice._replace(text=f"{title}{notice.text}"))
 
     def _log(self, notice: Notice) -> None:
         # rclpy keeps a severity a line of code: one line for each.

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 from trajeval_ros.ground_truth.hyperparameters import FURTHER_COMPONENTS, LEAST_NOISE
 from trajeval_ros.online.axes import AS_GIVEN, AXES
@@ -24,8 +24,7 @@ class ParameterError(ValueError):
     """A parameter that is unknown, of the wrong type or out of range; the message is one line."""
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(NamedTuple):
     """One parameter.
 
     ``lower`` and ``upper`` are inclusive. ``dynamic`` parameters may be changed while the node
@@ -425,7 +424,7 @@ def table(names: Sequence[str] = ONE) -> Mapping[str, Parameter]:
     for parameter in _TABLE:
         if parameter.name.startswith("estimate."):
             rest = parameter.name.removeprefix("estimate.")
-            found |= {p.name: p for p in (replace(parameter, name=f"{n}.{rest}") for n in names)}
+            found |= {p.name: p for p in (parameter._replace(name=f"{n}.{rest}") for n in names)}
         elif parameter.name != "extrinsic" or len(names) == 1:
             found[parameter.name] = parameter
     return found

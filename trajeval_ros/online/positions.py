@@ -84,7 +84,7 @@ def rows_of(results: Results) -> Evaluations:
 def notices_on_positions(notices: tuple[Notice, ...]) -> tuple[Notice, ...]:
     """Those that are not about likelihoods of orientations; what an undetermined one costs here."""
     return tuple(
-        replace(notice, text=_UNDETERMINED) if notice.code == "alignment_undetermined" else notice
+        notice._replace(text=_UNDETERMINED) if notice.code == "alignment_undetermined" else notice
         for notice in notices
         if notice.code not in _ON_LIKELIHOODS
     )

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -74,8 +74,7 @@ NO_EVALUATIONS = Evaluations(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Notice:
+class Notice(NamedTuple):
     """Something the user should know: ``code`` in snake_case, ``text`` in one line."""
 
     level: Level
@@ -83,8 +82,7 @@ class Notice:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Results:
+class Results(NamedTuple):
     """What one call brought about.
 
     ``notices`` are those that are new; :meth:`~trajeval_ros.online.engine.Engine.notices` has those
@@ -122,8 +120,7 @@ class TopicHealth:
     first_rejected: dict[str, int] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class Health:
+class Health(NamedTuple):
     """The engine's state, for diagnostics.
 
     ``consistency``: ``|first-order AE - RE| / |RE|``, which is round-off when all is well; None

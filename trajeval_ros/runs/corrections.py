@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,7 @@ Array = npt.NDArray[np.float64]
 _PARTS = {"clock_offset": ("clock",), "extrinsic": ("lever arm", "mounting"), "scale": ("scale",)}
 
 
-@dataclass(frozen=True, slots=True)
-class Corrected:
+class Corrected(NamedTuple):
     """An estimate with what is not its fault put right, and the values of parameters that change.
 
     applied, doubted: the names of what was set, and of what is not beyond doubt and was not.

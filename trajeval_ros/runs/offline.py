@@ -7,9 +7,8 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -59,13 +58,13 @@ _MOST_SAMPLES = 500_000
 _MOST_POSES = 30_000
 
 
-@dataclass(frozen=True)
-class Scoring:
+class Scoring(NamedTuple):
     """An estimate to be scored: its poses, and the records that are kept of it.
 
     ``observe`` is called with what each batch brings, and what gives the run's summary by then.
     Without ``explain`` there are the single figures alone: no causes are looked for, no quantiles
-    over sub-trajectories, and the report has its parameters and defects only.
+    over sub-trajectories, and the report has its parameters and defects only. Without ``spread``
+    those quantiles alone are left out, of which nothing is printed.
     """
 
     estimate: Trajectory
@@ -73,10 +72,10 @@ class Scoring:
     folder: OutputFolder | None = None
     observe: Observer | None = None
     explain: bool = True
+    spread: bool = True
 
 
-@dataclass(frozen=True)
-class Scored:
+class Scored(NamedTuple):
     """What became of an estimate.
 
     Its ``summary``; ``places`` where rejected poses stand; the poses that were ``evaluated``, on
@@ -180,7 +179,10 @@ def _scored(
     report, estimate = scoring.report, scoring.estimate
     inputs = source, describe(estimate.source)
     summary = completed(
-        *(engine, name, truth, estimate, report, inputs, kept), whole=whole, explain=scoring.explain
+        *(engine, name, truth, estimate, report, inputs, kept),
+        whole=whole,
+        explain=scoring.explain,
+        spread=scoring.explain and scoring.spread,
     )
     places: tuple[str, ...] = ()
     if scoring.explain:
@@ -206,12 +208,14 @@ def completed(
     *,
     whole: bool,
     explain: bool = True,
+    spread: bool = True,
 ) -> Figures:
     """Return the summary of a run that has been fed; tell the report what its page needs.
 
     ``inputs``: what the ground truth and the estimate are of; ``kept``: every evaluated pose;
     ``whole``: the engine has all of the ground truth still; without ``explain`` no likely causes
-    are looked for, nor what the page alone shows, and ``drift.sub_trajectories`` are none.
+    are looked for; without ``spread`` how errors grow, which the page alone shows, is not, and
+    ``drift.sub_trajectories`` are none.
     """
     offset = engine.settings.estimates[name].time_offset
     summary: Figures = {
@@ -228,7 +232,7 @@ def completed(
     some, position_only = len(poses.stamps) > 0, engine.is_position_only(name)
     report.lacks_orientation = engine.lacks_orientation(name)
     if some and position_only:
-        summary["drift"] = drift_on_positions(drift(poses, evaluation))
+        summary["drift"] = drift_on_positions(drift(poses, evaluation, spread=False))
         of_positions: dict[str, Figures] = {}
         if summary["absolute"].get("log_likelihood") is not None:
             # Where the motion shows the alignment.
@@ -243,9 +247,9 @@ def completed(
         put_into(summary, of_positions)
         report.of_rows += causes_on_positions(engine, name, summary, of_positions.get("run"))
     if some and not position_only:
-        summary = whole_run(summary, poses, evaluation, spread=explain)
+        summary = whole_run(summary, poses, evaluation, spread=spread)
         none: dict[str, tuple[Box, ...]] = {}
-        if explain:
+        if spread:
             report.growth = shield(
                 "the growth of errors",
                 lambda: grown(poses, evaluation),
@@ -287,7 +291,7 @@ def completed(
             report.say,
         )
     if explain:
-        summary["likely_causes"] = [asdict(cause) for cause in report.causes()]
+        summary["likely_causes"] = [cause._asdict() for cause in report.causes()]
     return summary
 
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -204,7 +204,7 @@ class Record:
 
     def completed(self, summary: Mapping[str, object]) -> dict[str, object]:
         """Return an engine's summary as ``summary.json`` has it."""
-        whole = {**summary, "likely_causes": [asdict(cause) for cause in self.causes]}
+        whole = {**summary, "likely_causes": [cause._asdict() for cause in self.causes]}
         put_into(whole, self.error_models)
         path = self.path_due()
         if path is not None:

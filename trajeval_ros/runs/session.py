@@ -209,8 +209,7 @@ class Session:
     def health(self, name: str | None = None) -> Health:
         """The engine's health, with the messages in it that could not be read."""
         health = self.engine.health(name)
-        return replace(
-            health,
+        return health._replace(
             ground_truth=_with_undecodable(health.ground_truth, self._undecodable),
             estimate=_with_undecodable(health.estimate, self._record(name).undecodable),
         )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -185,7 +185,7 @@ def together(
             {**one.figures(), "nats_per_second": nats_per_second(one, summaries)}
             for one in comparisons
         ],
-        "likely_causes": [asdict(cause) for cause in causes],
+        "likely_causes": [cause._asdict() for cause in causes],
     }
 
 
