@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from trajeval_ros import loops
 from trajeval_ros.error_model.axes import Axes
+from trajeval_ros.error_model.likelihood import Likelihood
 from trajeval_ros.error_model.maximum import (
     _largest_within,
     _newton_step,
@@ -144,16 +145,18 @@ def test_c_reweighs_as_numpy(kind, count, seed, apart):
     rng = np.random.default_rng(seed)
     errors = np.cumsum(5e-3 * rng.standard_t(1.0, (count, 6)), axis=0).clip(-1e3, 1e3)
     errors += 1e-3 * rng.standard_t(2.0, (count, 6))
-    data, _ = alike(count, seed % 1000, errors)
-    here = Axes(kind, PARAMETERS[kind][0], series(data, 0))
-    for _ in range(3):
-        weights, promised = _reweighted(here, apart)
-        with loops.left_out():
-            expected, all_promised = _reweighted(here, apart)
-        assert promised == pytest.approx(all_promised, rel=1e-9, abs=1e-9)
-        for one, other in zip(weights, expected, strict=True):
-            np.testing.assert_allclose(one, other, rtol=1e-9)
-        here = here.at(here.parameters, weights)
+    data, gauge = alike(count, seed % 1000, errors)
+    of_one = Axes(kind, PARAMETERS[kind][0], series(data, 0))
+    of_both = [Likelihood(kind, PARAMETERS[kind], data, gauge)] if count > 20 else []
+    for here in (of_one, *of_both):
+        for _ in range(3):
+            weights, promised = _reweighted(here, apart)
+            with loops.left_out():
+                expected, all_promised = _reweighted(here, apart)
+            assert promised == pytest.approx(all_promised, rel=1e-9, abs=1e-9)
+            for one, other in zip(weights, expected, strict=True):
+                np.testing.assert_allclose(one, other, rtol=1e-9)
+            here = here.at(here.parameters, weights)
 
 
 @built

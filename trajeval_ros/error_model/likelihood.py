@@ -96,6 +96,11 @@ class Data:
         return np.asarray(np.sqrt(np.array(found).mean(axis=1)))
 
     @cached_property
+    def bounds(self) -> dict[Kind, tuple[Array, Array]]:
+        """Of the parameters, as far as they have been asked for."""
+        return {}
+
+    @cached_property
     def by_group(self) -> Array:
         """Columns of the nuisances and, last, the errors; (2, N, 3, c + 1)."""
         return by_group(self.nuisances, self.errors[..., None])
@@ -211,6 +216,10 @@ class Likelihood:
 
     def scores(self) -> Array:
         """What each pose, with the step that leads to it, adds to the gradient; (N, 2, p)."""
+        return self._scores
+
+    @cached_property
+    def _scores(self) -> Array:
         told, slopes = self.told, self._steps.slopes
         found: Array = np.zeros((2, len(self.kind.names), self.count))
         found[:, 0] = self._system.jitter.T * (told.squares - told.informed)

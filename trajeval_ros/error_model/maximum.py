@@ -296,7 +296,7 @@ def _reweighted(here: Climbable, apart: int) -> tuple[tuple[Array, Array], float
     measured, measured_rest, moved, moved_rest = here.disturbances()
     own, own_move = here.own_noise()
     weights = here.weights
-    if loops.there() and measured.ndim == 1:
+    if loops.there():
         return _reweighted_in_c(
             apart, (measured, measured_rest), (moved, moved_rest), own, own_move, weights
         )
@@ -326,29 +326,21 @@ def _reweighted_in_c(
     own_move: Array,
     weights: tuple[Array, Array],
 ) -> tuple[tuple[Array, Array], float]:
-    """As `_reweighted`, of one group."""
-    count = len(poses[0])
+    """As `_reweighted`, one group after the other."""
+    count, groups = len(poses[0]), own.size
     reach = min(2 * apart, 2 * count - 1)
-    new, work, promised = np.empty(2 * count - 1), np.empty(4 * count - 2 + 2 * reach), np.empty(1)
-    now = [loops.doubles(each) for each in weights]
-    loops.call(
-        "reweigh",
-        count,
-        reach,
-        *map(loops.doubles, poses),
-        float(own[0]),
-        now[0],
-        *map(loops.doubles, steps),
-        loops.doubles(own_move),
-        now[1],
-        _KAPPA,
-        _RARE,
-        _LITTLE_CHANGE,
-        new,
-        work,
-        promised,
+    work, promised = np.empty(4 * count - 2 + 2 * reach), np.empty(1)
+    square, rest, moved, moved_rest, move, measured, leapt = (
+        loops.doubles(each.reshape(-1, groups).T) for each in (*poses, *steps, own_move, *weights)
     )
-    return (new[:count], new[count:]), float(promised[0])
+    new, total = np.empty((groups, 2 * count - 1)), 0.0
+    for g in range(groups):
+        given = square[g], rest[g], float(own[g]), measured[g], moved[g], moved_rest[g], move[g]
+        rules = _KAPPA, _RARE, _LITTLE_CHANGE
+        loops.call("reweigh", count, reach, *given, leapt[g], *rules, new[g], work, promised)
+        total += float(promised[0])
+    found = np.ascontiguousarray(new.T).reshape(-1, *weights[0].shape[1:])
+    return (found[:count], found[count:]), total
 
 
 def _largest_within(values: Array, reach: int) -> Array:

@@ -76,6 +76,8 @@ class Guess(NamedTuple):
 
 def bounds(kind: Kind, data: Data) -> tuple[Array, Array]:
     """The least and the largest of each parameter, (2, p) each."""
+    if kind in data.bounds:
+        return data.bounds[kind]
     span = float(data.times[-1] - data.times[0])
     shortest = data.shortest
     low, high = [], []
@@ -86,7 +88,8 @@ def bounds(kind: Kind, data: Data) -> tuple[Array, Array]:
         most = dict.fromkeys(("velocity_time", "wander_time"), max(span, 2.0 * shortest))
         low.append([math.log(least[name]) for name in kind.names])
         high.append([math.log(most.get(name, LARGEST_STD)) for name in kind.names])
-    return np.array(low), np.array(high)
+    found = data.bounds[kind] = np.array(low), np.array(high)
+    return found
 
 
 def search(kind: Kind, data: Data, gauge: Array, gain: float, begin: Guess | None = None) -> Guess:
