@@ -275,6 +275,36 @@ def test_batches_do_not_matter(fault):
         assert first[name]["log_likelihood"] == expected
 
 
+@pytest.mark.parametrize("seed", [0, 2, 7])
+def test_a_body_that_turns_while_its_samples_are_late_and_lost_is_no_other_body(seed):
+    """Stamped on arrival, of a queue that stalls: where the motion led to is anywhere.
+
+    What followed was turned back by as much as that was off, 40 to 130 degrees.
+    """
+    rng = np.random.default_rng(seed)
+    times = np.arange(0.0, 60.0, 0.02)
+    turned = 0.2 * np.sin(np.outer(times, [3.0, 2.6, 5.0]) + rng.uniform(0.0, 6.0, 3))
+    turned[:, 2] = 2.0 * turned[:, 2] + 1.5 * np.sin(2.4 * times + rng.uniform(0.0, 6.0))
+    poses = np.tile(np.eye(4), (len(times), 1, 1))
+    poses[:, :3, :3] = se3.exp_so3(turned)
+    poses[:, :3, 3] = np.sin(np.outer(times, [0.5, 0.4, 0.7])) * [1.0, 1.0, 0.3]
+    poses = noisy(rng, poses, 2e-4, 0.02 * DEGREE)
+    arrival, kept = times + 1e-3 * rng.exponential(size=len(times)), np.ones(len(times), bool)
+    begin = 0
+    while (begin := begin + int(rng.integers(4, 25))) < len(times):
+        late = times[begin] + rng.uniform(0.1, 0.35)
+        stalled = np.flatnonzero((times >= times[begin]) & (times < late))
+        arrival[stalled] = late + np.cumsum(rng.uniform(1e-5, 8e-4, len(stalled)))
+        kept[stalled[rng.uniform(size=len(stalled)) < 0.6]] = False
+    arrival = np.maximum.accumulate(arrival) + 1e-9 * np.arange(len(times))
+    data = samples(arrival[kept], poses[kept])
+    summary, _, _ = run(data, data)
+    faults = summary["ground_truth"]["faults"]
+    assert "flip" not in [fault["code"] for fault in faults]
+    assert "stamp_bursts" in [fault["code"] for fault in faults]
+    assert summary["conventional"]["ate_rotation_rmse"] < 0.1
+
+
 def test_a_small_jump_of_the_origin_is_cut_and_left_where_it_is():
     """So that figures are of the samples as they are; against themselves there is no error."""
     rng = np.random.default_rng(5)

@@ -67,8 +67,9 @@ _EVEN = 2.0
 _SIDE = 8
 # It is one when it is so many times the instrument's accuracy.
 _JUMP = 20.0
-# A turn (rad) on the spot by more than this is that of another body.
-_FLIP = 0.7
+# A turn (rad) on the spot by more than this is that of another body; where stamps are uneven, by
+# the second.
+_FLIP, _FLIP_AT_ANY_TIME = 0.7, 2.0
 _TURNED_BACK = 0.2
 # A body that moves goes so many usual steps in so many, and repeats nothing. After so long (ns) it
 # is taken to rest.
@@ -406,7 +407,7 @@ class Screen:
         near = (share < _RETURNED).all(axis=1) & bool((impossible & large).any())
         near |= (share < _CLOSELY).all(axis=1) & bool((far & large).any())
         if near.any():
-            turned = off[0, 1] > _FLIP and not large[0]
+            turned = off[0, 1] > _FLIP and not large[0] and self._is_turned(seen)
             return ("flip" if turned else "outlier"), int(np.argmax(near)) + 1
         if len(seen) <= ahead:
             if not final:
@@ -439,11 +440,17 @@ class Screen:
         after = np.minimum(_Steps.between(seen).sizes, self._unexpected(seen))
         quiet = (after < _QUIET * off[0]).all(axis=0)
         jumped = jumped & quiet & (off[0] > _JUMP * self._accuracy)
-        if jumped[1] and off[0, 1] > _FLIP and not jumped[0]:
+        if jumped[1] and off[0, 1] > _FLIP and not jumped[0] and self._is_turned(seen):
             return "turned", 0
         if not jumped.any() or not self._is_even(seen):
             return "", 1
         return "moved", int(jumped[1])
+
+    def _is_turned(self, samples: Samples) -> bool:
+        """Whether it is another body, whatever stamps say: late ones lead anywhere."""
+        assert self._before is not None
+        turn = _apart(self._before.poses[-1:], samples.poses[:1])[0, 1]
+        return bool(turn > _FLIP_AT_ANY_TIME) or self._is_even(samples)
 
     def _unexpected(self, seen: Samples) -> Array:
         """By how much each step between samples differs from what the motion before led to."""
