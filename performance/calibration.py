@@ -148,17 +148,23 @@ def plain() -> Iterator[None]:
 
 def fitted(samples: Samples, process: str, batch: int = _BATCH) -> GroundTruth:
     """Return the ground truth after all samples have been handed over, ``batch`` at a time."""
-    on_the_way = process == ON_THE_WAY
-    kernel = KERNELS[0] if on_the_way else process
-    learned = None if on_the_way else _learned(samples, kernel)
-    ground_truth = GroundTruth(Settings(kernel, learned, FLOOR, FLOOR, SHAPE))
+    if process == ON_THE_WAY:
+        return conditioned(samples, None, batch=batch)
+    return conditioned(samples, learned(samples, process), process, batch)
+
+
+def conditioned(
+    samples: Samples, process: Process | None, kernel: str = KERNELS[0], batch: int = _BATCH
+) -> GroundTruth:
+    """Return the ground truth with the ``process`` as learned before; None: on the way."""
+    ground_truth = GroundTruth(Settings(kernel, process, FLOOR, FLOOR, SHAPE))
     for start in range(0, len(samples), batch):
         ground_truth.append(samples[start : start + batch])
     ground_truth.conclude()
     return ground_truth
 
 
-def _learned(samples: Samples, kernel: str) -> Process | None:
+def learned(samples: Samples, kernel: str) -> Process | None:
     """Learn from all segments at once, before the first prediction."""
     segmentation = Segmentation(SHAPE)
     for _ in segmentation.append(samples):

@@ -12,22 +12,27 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from performance.calibration import (
     KERNELS,
     LAG,
     ON_THE_WAY,
+    Array,
     Cell,
     Known,
     Measured,
     beside_spline,
     cells_of,
+    conditioned,
     figure,
     fitted,
+    learned,
     read,
     score,
     score_interpolation,
@@ -36,6 +41,8 @@ from performance.calibration import (
     with_lag,
 )
 from performance.tables import SkippedError, Table
+from trajeval_ros import se3
+from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.segment import Samples
 
 SOURCES = Path(__file__).with_name("recordings.csv")
@@ -49,6 +56,8 @@ WAYS = {KERNELS[0]: "learned first", ON_THE_WAY: "learned on the way"}
 _PAGE = "calibration.md"
 _LEAST_HELD_OUT = 20
 _MOST_HELD_OUT = 1500
+_MOST_DRAWN = 1000
+_ROUND_OFF = 1e-12
 
 
 def measure(cell: Cell) -> Measured:
@@ -78,6 +87,7 @@ def run() -> Iterator[Table]:
     yield overview(measured)
     yield kinds(measured)
     yield single_cells(measured)
+    yield own_world(there, folder)
 
 
 def _cells(name: str, samples: Samples) -> Iterator[Cell]:
@@ -175,6 +185,81 @@ def single_cells(measured: list[Measured]) -> Table:
     header = ("recording", *(f"{rate or 'own'} Hz, {way}" for way, rate in ways))
     title = "ANEES, with the samples up to 0.3 s later"
     return Table("recordings anees", title, header, tuple(rows), None)
+
+
+def own_world(rows: list[dict[str, str]], folder: Path) -> Table:
+    """Return ANEES where each cell's motion and noise are drawn from what it has learned.
+
+    Of measurements: what its scatter is at best, the process being known or learned anew.
+    """
+    anees: dict[str, list[float]] = {}
+    for row in rows:
+        if CURVE in row["kind"]:
+            continue
+        for cell in cells_of(row["name"], read(folder / f"{row['name']}.txt"), RATES):
+            if len(cell.held_out) >= _LEAST_HELD_OUT:
+                for way, value in in_own_world(cell).items():
+                    anees.setdefault(way, []).append(value)
+    found = tuple(
+        (
+            way,
+            str(len(values)),
+            f"{typical_factor(values):.2f}",
+            f"{min(values):.2f} to {max(values):.2f}",
+        )
+        for way, values in anees.items()
+    )
+    header = ("process", "cells", "typical ANEES factor", "ANEES")
+    title = "Motion and noise drawn from what each cell has learned, the samples kept likewise"
+    return Table("recordings own world", title, header, found, _PAGE)
+
+
+def in_own_world(cell: Cell, seed: int = 0) -> dict[str, float]:
+    """ANEES of the process that is known, learned first and learned on the way, in its world."""
+    step = max(1, len(cell.held_out) // _MOST_DRAWN)
+    stamps = np.union1d(cell.kept.stamps, cell.held_out.stamps[::step])
+    process = learned(cell.kept, KERNELS[0])
+    if process is None:
+        raise ValueError(f"{cell.sequence} at {cell.rate} Hz teaches nothing")
+    process = replace(process, stamp_std=0.0, stamp_shared=0.0, _known={}, _parts={})
+    poses = drawn(process, stamps, np.random.default_rng(seed))
+    kept = np.isin(stamps, cell.kept.stamps)
+    world = replace(
+        cell,
+        kept=Samples(stamps[kept], poses[kept]),
+        held_out=Samples(stamps[~kept], poses[~kept]),
+    )
+    ways = {"known": conditioned(world.kept, process)}
+    ways |= {way: fitted(world.kept, name) for name, way in WAYS.items()}
+    return {way: float(score(world, each, LAG).anees or 0.0) for way, each in ways.items()}
+
+
+def drawn(process: Process, stamps: npt.NDArray[np.int64], rng: np.random.Generator) -> Array:
+    """Samples (n, 4, 4) of motion and noise of the process, at ``stamps`` (n,), ns."""
+    times = (stamps - stamps[0]) * 1e-9
+    motions, noises = [], []
+    for group in process.groups:
+        parts = {True: np.zeros((len(times), 3)), False: np.zeros((len(times), 3))}
+        for moves in parts:
+            covariance = np.zeros((len(times), len(times)))
+            for kernel, part in zip(process.kernels, group.components, strict=True):
+                if (kernel.curvature > 0.0) is moves:
+                    apart = np.abs(times[:, None] - times) / part.length_scale
+                    covariance += part.std**2 * kernel.correlation(apart)
+            white = _ROUND_OFF * covariance[0, 0] if moves else group.noise_std**2
+            covariance[np.diag_indices(len(times))] += white
+            parts[moves] = np.linalg.cholesky(covariance) @ rng.normal(size=(len(times), 3))
+        motions.append(parts[True])
+        noises.append(parts[False])
+    poses = np.tile(np.eye(4), (len(times), 1, 1))
+    # Turned step by step: the process is one of small rotations about those of its segments.
+    turns = se3.exp_so3(np.diff(motions[1], axis=0))
+    for i, turn in enumerate(turns):
+        poses[i + 1, :3, :3] = poses[i, :3, :3] @ turn
+    poses[:, :3, 3] = motions[0]
+    error = np.tile(np.eye(4), (len(times), 1, 1))
+    error[:, :3, :3], error[:, :3, 3] = se3.exp_so3(noises[1]), noises[0]
+    return se3.compose(poses, error)
 
 
 def _of_half(measured: list[Measured], half: str) -> list[Measured]:

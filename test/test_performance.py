@@ -88,6 +88,12 @@ def test_recordings(cell: calibration.Cell, samples: Samples) -> None:
     ]
 
 
+def test_a_process_that_is_known_is_calibrated_in_its_own_world(cell: calibration.Cell) -> None:
+    found = recordings.in_own_world(cell)
+    assert set(found) == {"known", *recordings.WAYS.values()}
+    assert 0.8 < found["known"] < 1.25
+
+
 def test_plain_is_not_the_default(cell: calibration.Cell) -> None:
     with calibration.plain():
         plain = calibration.score_process(cell, calibration.PLAIN, None)
