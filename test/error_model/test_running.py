@@ -9,12 +9,13 @@ import pytest
 from error_model.test_fit import DRIFT, ask, estimate
 
 from trajeval_ros import loops
+from trajeval_ros.error_model.blocks import NO_BLOCKS
 from trajeval_ros.error_model.changes import Stretch, clock_changes, joined
 from trajeval_ros.error_model.fit import fit
 from trajeval_ros.error_model.nuisances import Nuisances
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.recorded import Recorded
-from trajeval_ros.error_model.running import Poses, RunningErrorModel, fit_poses
+from trajeval_ros.error_model.running import Due, Poses, RunningErrorModel, fit_poses
 
 SECOND = 1_000_000_000
 OFFSET = Nuisances(0.02, 0.0, np.eye(4), 1.0)
@@ -83,6 +84,17 @@ def test_a_fit_by_records_is_that_with_the_ground_truth_asked_anew():
     by_record, anew = fit_poses(poses(stamps, found)), fit(stamps, found, ask)
     off = by_record.nuisances.vector - anew.nuisances.vector
     assert (np.abs(off) < 0.3 * anew.std).all()
+
+
+def test_a_block_is_fitted_as_a_window_without_the_clocks_of_its_parts():
+    stretch = poses(*estimate(Kind.DRIFT, DRIFT, OFFSET, count=600))
+    window, block = Due(stretch).fit().model, Due(stretch, NO_BLOCKS).fit().model
+    assert len(window.clock_by_group) == 2
+    assert len(window.clock_stretches) > 2
+    assert (block.clock_by_group, block.clock_stretches, block.clock_changes) == ((), (), ())
+    np.testing.assert_allclose(block.nuisances.vector, window.nuisances.vector, rtol=1e-9)
+    np.testing.assert_allclose(block.covariance, window.covariance, rtol=1e-9)
+    assert block.log_likelihood == pytest.approx(window.log_likelihood, rel=1e-9)
 
 
 def test_how_poses_are_cut_into_batches_changes_nothing():

@@ -33,9 +33,9 @@ def run() -> int:
     folder = Path(place)
     fit, learned = running.fit_poses, Lesson.learned
 
-    def fit_poses(poses):
+    def fit_poses(poses, **how):
         hold_up(folder)
-        return fit(poses)
+        return fit(poses, **how)
 
     def slowly_learned(lesson):
         if lesson.before is not None:

@@ -54,6 +54,8 @@ def fit_independent(
     ask: Ask,
     known: Truth | None = None,
     most: int | None = None,
+    *,
+    parts: bool = True,
 ) -> ErrorModel | None:
     """Fit the error model, where errors are independent; as `trajeval_ros.error_model.fit.fit`.
 
@@ -70,14 +72,14 @@ def fit_independent(
                 known.twists[::every],
                 known.valid[::every],
             )
-        return fit(stamps[::every], estimate[::every], ask, known)
-    found = _at_samples(_Between(stamps, estimate), np.unique(nearest)[::every], ask)
+        return fit(stamps[::every], estimate[::every], ask, known, parts=parts)
+    found = _at_samples(_Between(stamps, estimate), np.unique(nearest)[::every], ask, parts)
     if found is not None:
         return found
-    return fit(stamps[chosen][::every], estimate[chosen][::every], ask)
+    return fit(stamps[chosen][::every], estimate[chosen][::every], ask, parts=parts)
 
 
-def _at_samples(between: _Between, samples: Stamps, ask: Ask) -> ErrorModel | None:
+def _at_samples(between: _Between, samples: Stamps, ask: Ask, parts: bool) -> ErrorModel | None:
     """Fit at the ground truth's samples (n,), ns; None where too few can be asked."""
     answered = ask(samples)
     samples = samples[answered.valid]
@@ -102,7 +104,10 @@ def _at_samples(between: _Between, samples: Stamps, ask: Ask) -> ErrorModel | No
             twists[:, :3] *= before.scale
             twists = twists @ se3.adjoint(before.extrinsic).T
             ask = _Moved(samples[inside], poses[inside], covariances[inside], twists)
-        first, found = found is None, fit(stamps, estimate, ask, most_scatter=most_scatter)
+        first, found = (
+            found is None,
+            fit(stamps, estimate, ask, most_scatter=most_scatter, parts=parts),
+        )
         if found is None:
             return None
         middle = (int(stamps[0]) + int(stamps[-1])) // 2

@@ -48,12 +48,14 @@ def described(
     here: Likelihood,
     alternatives: dict[Kind, float],
     scatter_of_stamps: Scatter | None = None,
+    *,
+    parts: bool = True,
 ) -> ErrorModel:
     """What is found.
 
     stamps: (N,) ns, the estimate's own. nuisances: at which the errors of ``here`` are, which has
     what is left of a step. alternatives: nats a pose of each process. scatter_of_stamps: of the
-    estimate's, where they scatter.
+    estimate's, where they scatter. parts: as in `trajeval_ros.error_model.fit.fit`.
     """
     blocks = _blocks(here.count)
     columns, white = here.whitened()
@@ -64,10 +66,10 @@ def described(
     low, high = (each.ravel() for each in bounds(here.kind, data))
     converged = promised(here, low, high) < UNFINISHED and (step**2 < np.diag(covariance)).all()
     covariance = covariance * inflation * inflation[:, None]
-    clocks = _clock_by_group(nuisances, here, float(inflation[0]))
+    clocks = _clock_by_group(nuisances, here, float(inflation[0])) if parts else ()
     nuisances = nuisances.moved(step)
     std = np.sqrt(np.diag(covariance))
-    stretches = _stretches(stamps, nuisances, columns, white, std, own)
+    stretches = _stretches(stamps, nuisances, columns, white, std, own) if parts else []
     whiteness = np.array([autocorrelation(part, _LAGS) for part in (white[:, :3], white[:, 3:])])
     theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - COUNT)])
     nats = reached(here)

@@ -93,23 +93,26 @@ def fit(
     ask: Ask,
     known: Truth | None = None,
     most_scatter: float = np.inf,
+    *,
+    parts: bool = True,
 ) -> ErrorModel | None:
     """Fit the error model.
 
     stamps: (N,) ns, increasing, on the estimate's clock. estimate: (N, 4, 4). ask: the ground truth
     at given stamps, which is asked anew at the clock offset found. known: its answers at
-    ``stamps``, where they are there already. most_scatter: of stamps that can be told, s. None with
-    fewer than `ENOUGH` poses, or where the likelihood has no maximum (errors of exactly nothing).
+    ``stamps``, where they are there already. most_scatter: of stamps that can be told, s. parts:
+    whether parts of the time, and each group alone, are asked for the clock. None with fewer than
+    `ENOUGH` poses, or where the likelihood has no maximum (errors of exactly nothing).
     """
     if len(stamps) < ENOUGH:
         return None
     try:
-        return _fit(_Problem(stamps, estimate, ask, known), most_scatter)
+        return _fit(_Problem(stamps, estimate, ask, known), most_scatter, parts)
     except np.linalg.LinAlgError:
         return None
 
 
-def _fit(problem: _Problem, most_scatter: float) -> ErrorModel | None:
+def _fit(problem: _Problem, most_scatter: float, parts: bool) -> ErrorModel | None:
     nuisances = problem.start()
     if not problem.enough(nuisances):
         nuisances = Nuisances.none()
@@ -123,9 +126,9 @@ def _fit(problem: _Problem, most_scatter: float) -> ErrorModel | None:
     scatter: Scatter | None = None
     if scattered is not None and scattered[1].value <= most_scatter:
         found, scatter = scattered
-    return described(
-        problem.kept(found.nuisances), found.nuisances, found.here, found.alternatives, scatter
-    )
+    stamps = problem.kept(found.nuisances)
+    given = stamps, found.nuisances, found.here, found.alternatives, scatter
+    return described(*given, parts=parts)
 
 
 class _Found(NamedTuple):

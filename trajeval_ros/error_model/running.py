@@ -73,11 +73,11 @@ class Poses:
         )
 
 
-def fit_poses(poses: Poses) -> ErrorModel | None:
-    """The error model of a stretch, by what was answered at its poses."""
+def fit_poses(poses: Poses, *, parts: bool = True) -> ErrorModel | None:
+    """The error model of a stretch, by what was answered at its poses; ``parts``: as there."""
     truth = poses.truth
-    known = truth.at(truth.stamps)
-    return fit_independent(truth.stamps, poses.estimate, poses.nearest, truth.at, known, MOST)
+    given = truth.stamps, poses.estimate, poses.nearest, truth.at, truth.at(truth.stamps)
+    return fit_independent(*given, MOST, parts=parts)
 
 
 class Fitted(NamedTuple):
@@ -99,7 +99,8 @@ class Due(NamedTuple):
 
     def fit(self, *, with_run: bool = True) -> Fitted:
         """Fit it, and say what the run is with it, unless nobody asks before the next block."""
-        model = fit_poses(self.poses)
+        # Of a block the run takes neither the clocks of parts nor those of groups.
+        model = fit_poses(self.poses, parts=self.blocks is None)
         if self.blocks is None:
             return Fitted(model)
         blocks = self.blocks
