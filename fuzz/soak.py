@@ -260,9 +260,9 @@ def run(hours: float, folder: Path, rates: tuple[float, float] = (20.0, 2.0)) ->
     return tenths
 
 
-def judge(tenths: Sequence[Tenth]) -> list[str]:
-    """Return what is not flat between the second tenth and the last."""
-    early, late = tenths[1], tenths[-1]
+def judge(tenths: Sequence[Tenth], early_number: int = 1) -> list[str]:
+    """Return what is not flat between an early tenth, the second by default, and the last."""
+    early, late = tenths[early_number], tenths[-1]
     wrong = []
     for name, slack in (("resident", _MB), ("state", 64 * _KB)):
         before, after = getattr(early, name), getattr(late, name)

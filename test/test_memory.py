@@ -93,6 +93,34 @@ print(before, between, held())
     assert after - before < 0.3 * (between - before)
 
 
+@of_glibc
+def test_what_is_free_between_is_given_back_where_it_is_ours() -> None:
+    """What is at the end is still there, so that malloc has only holes to give back."""
+    untouched, as_it_was, before, after = said(
+        """
+import resource
+import numpy as np
+from trajeval_ros import memory
+
+def held():
+    return int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize()
+
+memory._keep(32 << 20, 64 << 20)
+parts = [np.ones(1 << 15) for _ in range(200)]
+last = np.ones(1 << 15)
+del parts
+between = held()
+memory.give_back()
+print(between, held())
+memory.begin()
+memory.give_back()
+print(between, held())
+"""
+    )
+    assert as_it_was > 0.9 * untouched
+    assert after < before - 30e6
+
+
 def test_what_is_loaded_is_no_longer_searched() -> None:
     code = "import gc\nfrom trajeval_ros import memory\nmemory.begin()\nmemory.loaded()\n"
     enabled, frozen = said(code + "print(int(gc.isenabled()), gc.get_freeze_count())")

@@ -40,6 +40,16 @@ def loaded() -> None:
         gc.freeze()
 
 
+def give_back() -> None:
+    """What a process of ours has free goes back to the system: after what took much, and is rare.
+
+    A node that has written its results holds half as much again for the next ones, in holes that
+    grow with the largest of them. Some milliseconds.
+    """
+    if gc.get_threshold()[0] == _OBJECTS:
+        _trim()
+
+
 @contextlib.contextmanager
 def kept() -> Iterator[None]:
     """Keep what is freed for the next array meanwhile, and give all back to the system at the end.
@@ -53,8 +63,12 @@ def kept() -> Iterator[None]:
         yield
     finally:
         _keep(_environment("MALLOC_MMAP_THRESHOLD_"), _environment("MALLOC_TRIM_THRESHOLD_"))
-        with contextlib.suppress(OSError, AttributeError, TypeError):
-            ctypes.CDLL(None).malloc_trim(0)
+        _trim()
+
+
+def _trim() -> None:
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _keep(mmap: int, trim: int) -> None:

@@ -18,6 +18,7 @@ from rclpy.publisher import Publisher
 from rclpy.service import Service
 from std_srvs.srv import Trigger
 
+from trajeval_ros import memory
 from trajeval_ros.files.output import OutputError
 from trajeval_ros.node import parameters
 from trajeval_ros.node.any_message import AnyInput
@@ -380,6 +381,7 @@ class Evaluator(Node):
     def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._process()
         written = self._save()
+        memory.give_back()
         response.success = bool(written)
         response.message = f"written to {written}" if written else self._why_not_written()
         return response
@@ -561,6 +563,7 @@ class Evaluator(Node):
         if self._compared is not None:
             self._compared.reset()
         self._monitor.reset()
+        memory.give_back()
 
     def _save(self, *, last: bool = False) -> str | None:
         """Write the output folder; its path, an empty string if there is none, None on failure."""
