@@ -9,9 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trajeval_ros import loops
-from trajeval_ros.ground_truth.adaptation import Prediction, Values, Watch, best_regime
+from trajeval_ros.ground_truth.adaptation import (
+    Adaptation,
+    Prediction,
+    Values,
+    Watch,
+    best_regime,
+)
 from trajeval_ros.ground_truth.hyperparameters import LEAST_NOISE
 from trajeval_ros.ground_truth.models import MODELS, Grid
+from trajeval_ros.ground_truth.process import AS_LEARNED, Process
 from trajeval_ros.ground_truth.regimes import USUAL, Learned, Regime
 
 LEAST = np.zeros(2)
@@ -172,3 +179,42 @@ def test_motion_far_below_the_noise_is_found_where_more_noise_is_refuted(start, 
         found = best_regime(learned, start, asked, 22, 8.0)
     assert found.motion >= 4
     assert found.noise <= 1
+
+
+@pytest.mark.skipif(not loops.there(), reason="not built, or switched off")
+@pytest.mark.parametrize("kernel", ["matern52", "matern32"])
+@pytest.mark.parametrize("parallel", [2, 6])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_loop_holds_a_segment_to_its_samples_as_numpy_does(kernel, parallel, seed):
+    """Motion that becomes lively, and noise that comes and goes, however the samples are cut."""
+    rng, count = np.random.default_rng(seed), 160
+    learned, _ = learned_and_values(kernel, 1, 4, 0)
+    process = Process.of((learned, learned))
+    times = np.cumsum(rng.uniform(0.5, 1.5, count)) * 0.1
+    size = np.where(times < 5.0, 0.02, 3.0)[:, None] * np.repeat([1.0, 0.1], 3)
+    noise = np.where((times > 8.0) & (times < 12.0), 0.1, 1e-3)[:, None]
+    values = size * np.sin(times[:, None] * rng.uniform(1.0, 3.0, 6))
+    values += noise * rng.normal(size=(count, 6))
+    variances = rng.uniform(0.0, 1e-7, (count, parallel))
+    all_values = Values(times, values.reshape(count, parallel, -1), variances)
+
+    def held(cuts):
+        adaptation = Adaptation(process, AS_LEARNED)
+        for end in [*cuts, count]:
+            adaptation.take(all_values[:end])
+        return adaptation
+
+    looped = held([])
+    with loops.left_out():
+        expected = held([])
+    assert len(expected.epochs) > 2
+    for found in (looped, held([1, 17, 90, 91])):
+        assert found.count == count
+        for one, other in zip(found.epochs, expected.epochs, strict=True):
+            assert (one.first, one.since, one.regimes) == (other.first, other.since, other.regimes)
+            np.testing.assert_allclose(one.before, other.before, rtol=1e-9, atol=1e-9)
+            last = min(one.regression.count, other.regression.count)
+            news = one.regression.innovations(1)[:, : last - 1]
+            np.testing.assert_allclose(
+                news, other.regression.innovations(1)[:, : last - 1], rtol=1e-9, atol=1e-9
+            )

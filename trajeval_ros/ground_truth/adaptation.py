@@ -63,6 +63,8 @@ _PRIOR_STDS = np.array(PRIOR_STDS)
 _NOISY, _FAR = 2, 6
 # A search ends after so many rounds.
 _ROUNDS = 6
+# What of this C is told, in its order.
+_SIZES = np.array([_CAUTIOUS, _MOST_SAMPLES, _CONTEXT, _FEW, MOST, _ROUNDS])
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,6 +220,28 @@ def _orders(kernels: tuple[Kernel, ...]) -> tuple[tuple[int, ...], Counts]:
     return orders, np.array(orders)
 
 
+def _rules(process: Process, least: Array) -> tuple[Array, Counts, Array, Array]:
+    """What C holds a segment to, how many coefficients each kernel has, rates and variances.
+
+    ``least`` (2,): from which logarithm of a variance on small innovations tell.
+    """
+    assert process.learned is not None
+    _, orders = _orders(process.learned[0].model.kernels)
+    instrument = np.square([each.accuracy for each in process.learned])
+    numbers = (_STEEPNESS, _OFFSETS, least, instrument, LEAST_NOISE**2, FLAT**2, _PRIOR_STDS)
+    rates, parts = zip(*(each.parts() for each in process.learned), strict=True)
+    rules = np.hstack([*numbers, _LEAST_GAIN])
+    return rules, orders, np.stack(rates), np.stack(parts)
+
+
+@lru_cache(maxsize=8)
+def _room(orders: tuple[int, ...], parallel: int, coordinates: int) -> int:
+    """How many numbers ``segment_hold`` needs room for."""
+    seen = _MOST_SAMPLES + _CONTEXT
+    record = record_room(orders, coordinates, seen, slopes=False)
+    return record + parallel // 2 * (2 + coordinates) * seen
+
+
 class Watch:
     """Page's two sums of translation and rotation each, sample by sample."""
 
@@ -232,6 +256,11 @@ class Watch:
         """A group's rows before ``row`` were looked into; more is needed the next time."""
         self._limits[group] *= 2.0
         self._sums[group], self._since[group], self._looked[group] = 0.0, row, row
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Counts, Counts]:
+        """What goes on: limits, sums, the rows since which these are, and those looked at."""
+        return self._limits, self._sums, self._since, self._looked
 
     @property
     def looked(self) -> int:
@@ -372,40 +401,89 @@ class Adaptation:
 
     def take(self, values: Values) -> None:
         """Take all samples so far, those known already first, and hold the process to them."""
-        if self.epochs:  # the newest one; the others know what they need
-            epoch = self.epochs[-1]
-            epoch.regression.extend(values.with_noise(epoch.noise))
-        else:
-            self._begin(1, (1, 1), self._regimes, values)
-        self.count = len(values.times)
-        learned = self.process.learned
-        while learned is not None:
-            refuted = self._refuted()
+        if not self.epochs:
+            self._begin(1, (1, 1), self._regimes, values.parallel)
+        hold = self._held
+        if self.process.learned is not None and self.epochs[0].regression.is_in_c:
+            hold = self._held_in_c
+        while True:
+            epoch = self.epochs[-1]  # the newest one; the others know what they need
+            try:
+                refuted = hold(values)
+            except np.linalg.LinAlgError:
+                if not epoch.regression.count:
+                    self.epochs.pop()
+                raise
             if refuted is None:
-                return
+                break
+            row, since, group, regime = refuted
+            self._begin(
+                row + 1,
+                _replaced(epoch.since, group, since),
+                _replaced(epoch.regimes, group, regime),
+                values.parallel,
+            )
+        self.count = len(values.times)
+
+    def _begin(self, first: int, since: tuple[int, int], regimes: Regimes, parallel: int) -> None:
+        """Begin an epoch, which takes samples when it is held to them."""
+        process = self.process.under(regimes)
+        kernel, noise = process.parts(parallel // 2)
+        regression = Regression.of(kernel, 2 * _COORDINATES // parallel)
+        before = np.zeros(parallel)
+        self.epochs.append(Epoch(first, since, regimes, process, regression, noise, before))
+
+    def _held(self, values: Values) -> tuple[int, int, int, Regime] | None:
+        """Let the newest epoch take all samples so far, and hold it to them.
+
+        Where they refute it, the row that does, the one since which, the group and its regime.
+        """
+        epoch, learned = self.epochs[-1], self.process.learned
+        is_new = not epoch.regression.count
+        epoch.regression.extend(values.with_noise(epoch.noise))
+        if is_new:
+            epoch.before[:] = epoch.regression.square(epoch.since)
+        while learned is not None and (refuted := self._refuted()) is not None:
             row, since, group, ratio = refuted
-            epoch = self.epochs[-1]
             first = max(since, row + 1 - _MOST_SAMPLES)
-            seen = values[max(first - _CONTEXT, 0) : row + 1].of(group)
-            rows = first - max(first - _CONTEXT, 0)
-            regime = best_regime(learned[group], epoch.regimes[group], seen, rows, ratio)
+            begin = max(first - _CONTEXT, 0)
+            seen = values[begin : row + 1].of(group)
+            regime = best_regime(learned[group], epoch.regimes[group], seen, first - begin, ratio)
             self._watch.restart(group, row + 1)
             if regime != epoch.regimes[group]:
-                self._begin(
-                    row + 1,
-                    _replaced(epoch.since, group, since),
-                    _replaced(epoch.regimes, group, regime),
-                    values,
-                )
+                return row, since, group, regime
+        return None
 
-    def _begin(self, first: int, since: tuple[int, int], regimes: Regimes, values: Values) -> None:
-        """Begin an epoch."""
-        process, size = self.process.under(regimes), values.values.shape[1] // 2
-        kernel, noise = process.parts(size)
-        regression = Regression.of(kernel, values.values.shape[2])
-        regression.extend(values.with_noise(noise))
-        before = regression.square(since)
-        self.epochs.append(Epoch(first, since, regimes, process, regression, noise, before))
+    def _held_in_c(self, values: Values) -> tuple[int, int, int, Regime] | None:
+        """The same."""
+        process, epoch, watch, found = self.process, self.epochs[-1], self._watch, np.empty(5, int)
+        if not process.rules:
+            process.rules.append(_rules(process, self._least))
+        rules, orders, rates, parts = process.rules[0]
+        count, parallel, coordinates = values.values.shape
+        work = _room(tuple(orders.tolist()), parallel, coordinates)
+        changed = epoch.regression.take(
+            "segment_hold",
+            values.times,
+            loops.doubles(values.values),
+            values.variances,
+            epoch.noise,
+            rules,
+            _SIZES,
+            orders,
+            rates,
+            parts,
+            np.array(epoch.regimes),
+            np.array(epoch.since),
+            epoch.before,
+            *watch.arrays,
+            np.empty(max(work, count * parallel)),
+            found,
+        )
+        if not changed:
+            return None
+        row, since, group, *regime = found.tolist()
+        return row, since, group, Regime(*regime)
 
     def _refuted(self) -> tuple[int, int, int, float] | None:
         """The first row that refutes the newest epoch, the one since which, and the group.

@@ -49,25 +49,20 @@ class Answers:
 
     def add(self, asked: Sequence[Blended]) -> None:
         """Take what segments say, each later than all before, and conditioned on its samples."""
-        kept, segments, epochs, bounds = [], [], [], []
+        if not asked or not len(self._stamps):
+            return
+        segments, epochs, bounds = [], [], []
         for each in asked:
-            samples = each.segment.samples
-            arrays = np.ascontiguousarray(samples.stamps), loops.doubles(samples.poses[:1])
-            kept.append(arrays)
-            handovers = (
+            incoming, outgoing = (
                 _NO_HANDOVER if handover is None else handover.addresses
                 for handover in (each.incoming, each.outgoing)
             )
             own = each.segment.epochs
-            incoming, outgoing = handovers
-            places = map(loops.address, arrays)
-            segments.append((len(samples), *places, len(own), *incoming, *outgoing))
+            segments.append((*each.segment.addresses, len(own), *incoming, *outgoing))
             for epoch in own:
                 before = loops.address(epoch.before)
                 epochs.append((epoch.first, *epoch.since, before, *epoch.regression.addresses))
                 bounds.append((*epoch.process.least_scales, epoch.process.stamp_shared))
-        if not segments or not len(self._stamps):
-            return
         most = max(row[0] for row in segments)
         loops.call(
             "posterior_add",

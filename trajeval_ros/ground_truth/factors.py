@@ -99,31 +99,31 @@ class Factor(ABC):
         (G, n - first, 2).
         """
 
+    @abstractmethod
     def extend(self, samples: Observed) -> None:
         """Take all samples so far, those known already first.
 
         Raises LinAlgError where their covariance is not positive definite; none is taken then.
         """
-        known, self.count = self.count, len(samples.times)
+
+    def _note(self, times: Array) -> int:
+        """Note the times of all samples so far; return how many were known, and room is made."""
+        known, self.count = self.count, len(times)
         more = rounded_up(self.count) - len(self.times)
         if more > 0:
             self.times = np.concatenate([self.times, np.zeros(more)])
             self._reserve(more)
-        self.times[known : self.count] = samples.times[known:]
-        try:
-            self._add(samples, known)
-        except np.linalg.LinAlgError:
-            self.count = known
-            message = "the covariance of the samples is not positive definite"
-            raise np.linalg.LinAlgError(message) from None
+        self.times[known : self.count] = times[known:]
+        return known
+
+    def _refuse(self, known: int) -> np.linalg.LinAlgError:
+        """Forget all but the first samples; what to raise."""
+        self.count = known
+        return np.linalg.LinAlgError("the covariance of the samples is not positive definite")
 
     @abstractmethod
     def _reserve(self, more: int) -> None:
         """Make room for so many more rows."""
-
-    @abstractmethod
-    def _add(self, samples: Observed, known: int) -> None:
-        """Write the rows from those on that are ``known``; LinAlgError as `extend`."""
 
     @abstractmethod
     def products(self, times: Array, counts: Counts, kinds: int) -> tuple[Array, Array]:
@@ -174,10 +174,14 @@ class _SummedFactor(Factor):
         news = np.diff(sums[..., -2]), pivots + np.diff(np.log(sums[..., 0]))
         return np.stack(news, axis=-1)
 
-    def _add(self, samples: Observed, known: int) -> None:
+    def extend(self, samples: Observed) -> None:
+        """Block after block."""
+        known = self._note(samples.times)
         first = known // _BLOCK
-        blocks = self._blocks(samples, first)
-        self._add_blocks(first, blocks)
+        try:
+            self._add_blocks(first, self._blocks(samples, first))
+        except np.linalg.LinAlgError:
+            raise self._refuse(known) from None
         self._sum_up()
 
     @abstractmethod

@@ -47,6 +47,10 @@ class Process:
     _parts: dict[int, tuple[KernelSum, Array]] = field(
         default_factory=dict, compare=False, repr=False
     )
+    rules: list[tuple[Array, npt.NDArray[np.intp], Array, Array]] = field(
+        default_factory=list, compare=False, repr=False
+    )
+    """What `adaptation` works out of ``learned`` once, the same under all regimes."""
 
     def __post_init__(self) -> None:
         """What is asked for often is worked out once."""

@@ -80,6 +80,7 @@ class RecursiveFactor(Factor):
         self._rows = np.empty((groups, 0, 2 * self._columns + 5 + 2 * rank))
         self._spans = np.empty((groups, 0, rank, lanes))  # [N M]
         self._state = np.zeros((groups, rank, lanes))  # the same after the last sample
+        self._addresses: tuple[int, ...] | None = None
 
     @property
     def white(self) -> Array:
@@ -113,16 +114,26 @@ class RecursiveFactor(Factor):
         self._rows = _with_room(self._rows, known, room)
         self._spans = _with_room(self._spans, known // _SPAN, room // _SPAN)
 
-    def _add(self, samples: Observed, known: int) -> None:
+    def extend(self, samples: Observed) -> None:
+        """Sample after sample."""
+        self.take(
+            "factor_add", samples.times, loops.doubles(samples.values), loops.doubles(samples.noise)
+        )
+
+    def take(self, name: str, times: Array, *further: loops.Argument) -> int:
+        """Take all samples so far by a loop that takes what ``factor_add`` does, up to `seen`.
+
+        Return what it returns, which is 1 where their covariance is not positive definite.
+        """
+        self._addresses = None
+        known = self._note(times)
         self._make_room(known)
         state = self._state.copy()
-        wrong = loops.call(
-            "factor_add",
+        found = loops.call(
+            name,
             *self._process,
             self._information,
             self.times,
-            loops.doubles(samples.values),
-            loops.doubles(samples.noise),
             known,
             self.count,
             self._rows.shape[1],
@@ -130,10 +141,12 @@ class RecursiveFactor(Factor):
             self._spans,
             state,
             np.empty(state.shape[2]),
+            *further,
         )
-        if wrong:
-            raise np.linalg.LinAlgError
+        if found == 1:
+            raise self._refuse(known)
         self._state = state
+        return found
 
     def _work(self, most: int) -> Array:
         """For C to work with, where a query asks for so many samples."""
@@ -161,19 +174,17 @@ class RecursiveFactor(Factor):
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """As ``posterior.c`` has an epoch's, from ``sizes`` on; good until more samples come."""
-        sizes, past, number, constants = self._numbers
-        own = (self.times, self._rows, self._spans)
-        return (
-            loops.address(sizes),
-            loops.address(past),
-            number,
-            loops.address(constants),
-            self._groups,
-            self._columns - 1,
-            *(loops.address(each) for each in own),
-            self._rows.shape[1],
-        )
+        """As ``posterior.c`` has an epoch's, from ``priors`` on; good until more samples come."""
+        if self._addresses is None:
+            sizes, past, number, constants = self._numbers
+            whole = (self._kernel.variances, sizes, past, constants)
+            priors, *process = map(loops.address, whole)
+            own = map(loops.address, (self.times, self._rows, self._spans))
+            self._addresses = (
+                *(priors, *process[:2], number, process[2], self._groups, self._columns - 1),
+                *(*own, self._rows.shape[1]),
+            )
+        return self._addresses
 
     @property
     def _process(self) -> tuple[loops.Argument, ...]:

@@ -83,12 +83,9 @@ class Regression:
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Where it `is_in_c`, as ``posterior.c`` has an epoch's, from ``priors`` on.
-
-        Until more samples come.
-        """
+        """Those of its factor, where it `is_in_c`."""
         assert isinstance(self._factor, RecursiveFactor)
-        return loops.address(self._kernel.variances), *self._factor.addresses
+        return self._factor.addresses
 
     @property
     def count(self) -> int:
@@ -102,6 +99,11 @@ class Regression:
         """
         if len(samples.times) > self.count:
             self._factor.extend(samples)
+
+    def take(self, name: str, times: Array, *further: loops.Argument) -> int:
+        """The same by a loop, where it `is_in_c`; as `RecursiveFactor.take`."""
+        assert isinstance(self._factor, RecursiveFactor)
+        return self._factor.take(name, times, *further)
 
     def posterior(self, times: Array, counts: Counts) -> tuple[Array, Array]:
         """Return mean (q, G, c) and ``P / s²`` (q, G), given the first ``counts`` (q,) samples.

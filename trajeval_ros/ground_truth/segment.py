@@ -182,6 +182,7 @@ class Segment:
         self._variances = np.empty((0, 6))
         self._slopes = np.empty((0, 6))
         self._adaptation: Adaptation | None = None
+        self._lying: tuple[Stamps, Array, tuple[int, int, int]] | None = None
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -269,6 +270,15 @@ class Segment:
         """The first sample's pose; (4, 4)."""
         return loops.doubles(self._samples.poses[0])
 
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """How many samples it has, and where their stamps and the reference lie until more come."""
+        if self._lying is None:
+            stamps, reference = np.ascontiguousarray(self._samples.stamps), self.reference
+            places = loops.address(stamps), loops.address(reference)
+            self._lying = stamps, reference, (len(stamps), *places)
+        return self._lying[2]
+
     def room_after(self, count: int) -> Array:
         """Room for the coordinates of so many samples after the last one's; (1 + count, 6)."""
         room = np.empty((1 + count, 6))
@@ -304,7 +314,7 @@ class Segment:
 
     def append(self, samples: Samples, coordinates: Array | None = None) -> None:
         """Add later samples, with their coordinates where these are known from `following`."""
-        self._samples = self._samples + samples
+        self._samples, self._lying = self._samples + samples, None
         if coordinates is not None:
             self._coordinates = np.concatenate([self._coordinates, coordinates])
 

@@ -61,6 +61,7 @@ class HandOver:
         """Begin at the sample stamped ``stamp``."""
         self._stamps = np.array([stamp], dtype=np.int64)
         self._progress = np.zeros(1)
+        self._addresses: tuple[int, int, int] | None = None
 
     @property
     def begin(self) -> int:
@@ -79,13 +80,20 @@ class HandOver:
 
     def append(self, stamps: Stamps, progress: Array) -> None:
         """Add the progress at later samples."""
+        self._addresses = None
         self._stamps = np.concatenate([self._stamps, stamps])
         self._progress = np.concatenate([self._progress, progress])
 
     @property
     def addresses(self) -> tuple[int, int, int]:
         """How many samples it has, and where their stamps and the progress lie until more come."""
-        return len(self._stamps), loops.address(self._stamps), loops.address(self._progress)
+        if self._addresses is None:
+            self._addresses = (
+                len(self._stamps),
+                loops.address(self._stamps),
+                loops.address(self._progress),
+            )
+        return self._addresses
 
     def weight(self, stamps: Stamps) -> Array:
         """Weight of the new segment at ``stamps``: ``p²(3 - 2p)`` of the progress p."""

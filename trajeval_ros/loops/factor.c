@@ -164,18 +164,18 @@ static void sum_up(const Group *g, double information, const Row *before, Row ro
 /* Take the samples from `first` on, of G groups and c coordinates; 1 if K is not positive definite.
  *
  * sizes (m,), first_past (r,) and constants (G, 3, m) as in Group; information (G,) of the mean's
- * prior; times (count,), values (count, G, c), noise (count, G); rows (G, room, row), spans (G,
- * room / SPAN, r, lanes), state (G, r, lanes) after the sample before the first one, overwritten;
- * seen (lanes,) to work with.
+ * prior; times (count,); rows (G, room, row), spans (G, room / SPAN, r, lanes), state (G, r, lanes)
+ * after the sample before the first one, overwritten; seen (lanes,) to work with; values (count, G,
+ * c), noise (count, G).
  *
  * The sums are A = information + g' g, g' z and q = tr z' z - |g' z|^2 / A; e^2 and d, what q and
  * log det K + log A are more than before. */
 LOOPS_WIDE
 int factor_add(const int64_t *sizes, const double *first_past, int64_t kernels,
                const double *constants, int64_t groups, int64_t coordinates,
-               const double *information, const double *times, const double *values,
-               const double *noise, int64_t first, int64_t count, int64_t room, double *rows,
-               double *spans, double *state, double *seen) {
+               const double *information, const double *times, int64_t first, int64_t count,
+               int64_t room, double *rows, double *spans, double *state, double *seen,
+               const double *values, const double *noise) {
     const Factor all = {sizes, first_past, constants, kernels, groups, coordinates, room,
                         times, rows,       spans};
     for (int64_t number = 0; number < groups; number++) {

@@ -29,6 +29,12 @@ typedef struct {
     int64_t l, sums, square, news, w, q, row;     /* where what is in a row; how long that is */
 } Group;
 
+int factor_add(const int64_t *sizes, const double *first_past, int64_t kernels,
+               const double *constants, int64_t groups, int64_t coordinates,
+               const double *information, const double *times, int64_t first, int64_t count,
+               int64_t room, double *rows, double *spans, double *state, double *seen,
+               const double *values, const double *noise);
+
 /* The samples, taken, of G groups and c coordinates: sizes (m,), first_past (r,) and constants (G,
  * 3, m) as in Group; times (room,), rows (G, room, row), spans (G, room / SPAN, r, lanes). */
 typedef struct {
