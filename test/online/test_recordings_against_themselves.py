@@ -89,9 +89,9 @@ def noise(summary: dict) -> tuple[float, float]:
 
 
 CELLS = [(name, rate) for name in NAMES for rate in (10.0, 5.0, 2.0, 1.0, 0.5)]
-# The noise that is tied to the motion grows with it where a stretch is livelier than what was learned
-# from, and samples this rare are smoothed by it. It says so: answers are as far from the samples as
-# it knows. Without the tie errors are 0.3 mrad and less at 2 and 0.5 Hz, and at 1 Hz 156.
+# The noise that is tied to the motion grows with it where a stretch is livelier than what was
+# learned from, and samples this rare are smoothed by it. It says so: answers are as far from the
+# samples as it knows. Without the tie: 0.3 mrad and less at 2 and 0.5 Hz, but 156 at 1 Hz.
 MISSED = (("tum_vi_room1", 2.0), ("tum_vi_room1", 1.0), ("rover_georeferenced", 0.5))
 
 
