@@ -96,3 +96,11 @@ def test_the_errors_of_what_ate_counts_are_filled_in() -> None:
             error = [float(translation), float(rotation)]
             assert error == pytest.approx([float(cell) for cell in other[-2:]], rel=1e-9)
             assert [repr(number).encode() for number in error] == [translation, rotation]
+
+
+def test_a_last_row_without_an_end_is_filled_all_the_same() -> None:
+    rng = np.random.default_rng(0)
+    rows = as_text(np.arange(3), rng.normal(size=(3, WIDTH)), np.ones(3, dtype=bool))
+    with loops.left_out():
+        whole = filled(rows, SUMMARY)
+    assert both(lambda: filled(rows[:-1], SUMMARY)) == (whole, whole)

@@ -164,12 +164,15 @@ int digits_rows(const int64_t *stamps, const double *values, const char *sampled
     return (int)(at - out);
 }
 
-/* Put errors (n, 2) in the tails of rows, `length` characters, of those that are sampled. */
+/* Put errors (n, 2) in the tails of rows, `length` characters, of those that are sampled. Not 0 where one
+ * is not whole. */
 int digits_tails(char *rows, int64_t length, const double *errors, int64_t width,
                  const uint64_t *powers)
 {
     for (char *at = rows; at < rows + length; at++, errors += 2) {
         at = memchr(at, '\n', (size_t)(rows + length - at));
+        if (!at || at - rows < width)
+            return 1;
         if (at[1 - width] == '1')
             tail(1, width, errors, powers, at - width);
     }
