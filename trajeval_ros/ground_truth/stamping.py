@@ -31,8 +31,10 @@ Stamps = npt.NDArray[np.int64]
 
 _NANO = 1e-9
 _EVER = int(np.iinfo(np.int64).max)
-# Stamps that go on as they are are looked at so many at a time; ticks show in so many.
+# Stamps that go on as they are are looked at so many, and of so long (ns), at a time; ticks show in
+# so many.
 _BATCH = 64
+_TOGETHER = 250_000_000
 # Whether the poses are for the clock is asked anew with every so many samples.
 _BLOCK = 32
 # A sample tells where its two times share the time between its neighbours so differently.
@@ -94,7 +96,8 @@ class Stamping:
         if self._regularize:
             return self._decided(samples)
         self._waiting.append(samples)
-        if sum(map(len, self._waiting)) >= _BATCH:
+        lasted = samples.stamps[-1] - self._waiting[0].stamps[0]
+        if lasted >= _TOGETHER and sum(map(len, self._waiting)) >= _BATCH:
             self._look()
         return samples
 
