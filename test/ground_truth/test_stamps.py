@@ -176,6 +176,56 @@ def test_positions_and_orientations_have_to_be_off_by_the_same_times(turns, foun
     assert std == pytest.approx(0.006, rel=0.3) if found else std < 0.003
 
 
+def held_up(rng, count, interval):
+    """Times and stamps: samples arrive together now and then, and a throttle passes the first."""
+    times = 0.2 * interval * np.arange(5 * count)
+    stamps = times + rng.exponential(1e-3, len(times))
+    for begin in np.cumsum(rng.exponential(0.6, count)):
+        end = begin + rng.exponential(0.06)
+        stamps[(stamps > begin) & (stamps < end)] = end
+    stamps = np.maximum.accumulate(stamps) + 1e-6 * np.arange(len(times))
+    rows = throttled(stamps, 0.9 * interval)
+    return times[rows], stamps[rows]
+
+
+def cut(times, x, count=24):
+    return [
+        (times[i : i + count] - times[i], x[i : i + count])
+        for i in range(0, len(times) - count, count)
+    ]
+
+
+@pytest.mark.parametrize(("interval", "seed"), [(0.05, 0), (0.05, 3), (0.1, 2), (0.1, 4)])
+def test_a_few_late_stamps_show_on_a_body_that_does_not_turn(interval, seed):
+    """By intervals: a throttle takes their covariance away, and there is nothing to agree with."""
+    rng = np.random.default_rng(seed)
+    times, stamps = held_up(rng, 1200, interval)
+    assert np.median(stamps - times) < 0.01 < np.std(stamps - times)
+    for taken, late in ((times, True), (stamps, False)):
+        x = rng.normal(scale=3e-4, size=(len(times), 6))
+        x[:, :2] += np.transpose([np.cos(0.6 * taken), np.sin(0.6 * taken)])
+        std = stamp_noise(cut(stamps, x), ACCURACY)
+        assert 0.1 * np.std(stamps - times) < std < np.std(stamps - times) if late else std == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_abrupt_motion_that_rare_samples_do_not_resolve_is_no_noise_of_the_stamps(seed):
+    """It starts at once and slows down; the samples are taken when stamped, at uneven times."""
+    rng = np.random.default_rng(seed)
+    fine = 0.01 * np.arange(20000)
+    velocity = np.zeros((len(fine), 2))
+    for begin in np.cumsum(rng.uniform(1.5, 3.5, 100)):
+        since = np.maximum(fine - begin, 0.0)
+        pace = np.minimum(since / 0.2, 1.0) * np.exp(-since)
+        velocity = np.where(since[:, None] > 0.0, np.outer(pace, [0.9, rng.normal()]), velocity)
+    way = 0.01 * np.cumsum(velocity, axis=0)
+    times = 0.1 + 0.2 * np.arange(900) + rng.uniform(-0.07, 0.07, 900)
+    x = rng.normal(scale=3e-4, size=(900, 6))
+    x[:, 0] += np.interp(times, fine, way[:, 0])
+    x[:, 3] += np.interp(times, fine, way[:, 1])
+    assert stamp_noise(cut(times, x), ACCURACY) == 0.0
+
+
 def test_few_segments_do_not_tell():
     times = np.arange(0.0, 2.0, 0.02)
     x = np.outer(times, np.ones(6)) + np.random.default_rng(0).normal(size=(100, 6)) * 0.01
@@ -242,10 +292,16 @@ def test_the_loop_sums_what_numpy_sums(count, group, rest, noise, seed):
     x = np.sin(times[:, None] * rng.uniform(1.0, 9.0, 6)) * (times > rest * times[-1])[:, None]
     x += noise * rng.standard_t(2, (count, 6))
     some = x[:, 3 * group : 3 * group + 3]
-    found = neighbours(times, some)
+    found = neighbours(times, some, 0.01)
     with loops.left_out():
-        expected = neighbours(times, some)
+        expected = neighbours(times, some, 0.01)
     scale = max(map(abs, (expected[0], expected[3])))
     np.testing.assert_allclose(found[:2], expected[:2], rtol=1e-9, atol=1e-9 * scale)
     assert found[2] == expected[2]
     np.testing.assert_allclose(found[3], expected[3], rtol=1e-9, atol=1e-9 * scale)
+    # Where a cubic fits to the last digit, what is due is that digit's.
+    digit = 1e-12 * np.sqrt(expected.expected) * max(np.abs(x).max(), 1.0)
+    np.testing.assert_allclose(found.due, expected.due, rtol=1e-9, atol=digit)
+    scatter = np.sqrt([found.scattered, expected.scattered])
+    np.testing.assert_allclose(*scatter, rtol=1e-9, atol=digit)
+    np.testing.assert_allclose(found.expected, expected.expected, rtol=1e-9)

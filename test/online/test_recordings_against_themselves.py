@@ -110,11 +110,15 @@ def test_a_thinned_recording_against_itself(
         reason = "the noise tied to livelier motion is more than the noise learned in the end"
         request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
     translation, rotation = noise(summary)
-    # And what its stamp is uncertain by, at the speed that it has.
+    # And what its stamp is uncertain by, at the speed that it has, and at which it turns.
+    steps = 1e-9 * np.diff(samples.stamps)
     moved = np.linalg.norm(np.diff(samples.positions, axis=0), axis=1)
-    speed = np.sqrt(np.mean((moved / (1e-9 * np.diff(samples.stamps))) ** 2))
+    shared = np.abs((samples.quaternions[1:] * samples.quaternions[:-1]).sum(axis=1))
+    turned = 2.0 * np.arccos(np.minimum(shared, 1.0))
     fit = summary["ground_truth"]["fit"]  # none of too few samples
-    translation = np.hypot(translation, (fit["stamp_std"] if fit else 0.0) * speed)
+    stamp_std = fit["stamp_std"] if fit else 0.0
+    translation = np.hypot(translation, stamp_std * np.sqrt(np.mean((moved / steps) ** 2)))
+    rotation = np.hypot(rotation, stamp_std * np.sqrt(np.mean((turned / steps) ** 2)))
     figures = summary["conventional"]
     # Rare samples leave the noise and the motion between them in one: a few millimetres.
     least = 1e-3 if rate > 2.0 else 4e-3

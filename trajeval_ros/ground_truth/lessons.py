@@ -231,7 +231,8 @@ def _stamp_stds(segments: Sequence[Segment], accuracy: tuple[float, float]) -> t
     """
     data = [(segment.times, segment.coordinates.round(_DIGITS)) for segment in segments]
     rounded = rounding([segment.samples.stamps for segment in segments], data)
-    alone = max(stamp_noise(data, accuracy, rounded.std), rounded.least)
+    # Where stamps are rounded for sure, that is what residuals follow.
+    alone = rounded.least or stamp_noise(data, accuracy, rounded.std)
     return round(alone, 5), round(rounded.shared, 5)
 
 

@@ -14,7 +14,9 @@ two that follow each other have, of stamps and of white noise n, the covariance
 
     c_k = s_k s_(k+1) (w_k1 + w_(k+1),-1 - w_k,-1 w_(k+1),-2 - w_k2 w_(k+1),1),
 
-while motion that a cubic does not follow has a positive one (``docs/method.md``).
+while motion that a cubic does not follow has a positive one. Where samples are taken every h, and
+the stamps alone are uneven, residuals are ``-s_k h ẋ Σ_j w_kj j``; those of right stamps have
+nothing to do with that, whatever the motion (``docs/method.md``).
 """
 
 from __future__ import annotations
@@ -48,12 +50,20 @@ _FEWEST_SEGMENTS = 4
 # The estimate stands out from its scatter over the segments so much, in translation and rotation
 # together; and what it does to a sample from the instrument's accuracy.
 _SIGNIFICANT = 3.0
-# In each of the two so much where the intervals alone do not tell.
-_AGREED = 2.0
-# Between samples further apart than this (s), motion is not told from noise of the stamps.
-_RAREST = 0.25
+# In each of the two so much where positions and orientations are off by the same times; and so much
+# in both where residuals tell that samples were taken evenly.
+_AGREED, _ENOUGH = 1.0, 2.0
+# Between samples further apart than this (s) motion is not told from noise of the stamps by what is
+# along it; and further apart than the other only where residuals do not say that stamps are right:
+# so many standard deviations above its value, the share of uneven intervals is less than this.
+_RAREST, _RARE = 0.25, 0.15
+_SURELY, _LEAST_SHARE = 3.0, 0.1
 # An interval counts as no longer than the usual one by so many of it.
 _IRREGULAR = 2.0
+# Samples with an interval so much longer than the usual one beside them may not be taken evenly.
+_EVEN = 2.5
+# Neighbouring samples share noise: residuals scatter as the sums of so many that follow each other.
+_TOGETHER = 6
 # None is missing where it is longer by less than so much of it.
 _NONE_MISSING = 0.5
 # So large a share of the intervals are unlike the usual one where stamps were rounded.
@@ -63,7 +73,7 @@ _COARSE = 0.25
 # A sample tells where it is this share of the time between its neighbours off their midst.
 _DIFFERENT = 0.01
 # Single residuals count as no more than so many times the median of their squares.
-_CLIPPED = 25.0
+_CLIPPED = 100.0
 # Velocities are those between so many samples before and after.
 _REACH = 8
 # The neighbours that a cubic goes through.
@@ -161,36 +171,44 @@ def stamp_noise(
     if sum(len(times) >= _FEWEST_SAMPLES for times, _ in segments) < _FEWEST_SEGMENTS:
         return 0.0
     enough = [(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES]
-    found = [_found([(t, x[:, 3 * g : 3 * g + 3]) for t, x in enough]) for g in (0, 1)]
+    usual = float(np.median(np.concatenate([np.diff(times) for times, _ in segments])))
+    found = [_found([(t, x[:, 3 * g : 3 * g + 3]) for t, x in enough], usual) for g in (0, 1)]
+    evenly = math.hypot(*(max(each.evenly, 0.0) for each in found)) > _SIGNIFICANT
+    if usual > _RARE and _are_right(found):
+        return 0.0
     agreed = all(each.significance > _AGREED for each in found) and _agree(enough)
-    most = max(_of_intervals([times for times, _ in segments], agreed), rounded**2)
+    agreed = agreed or evenly
+    most = _of_intervals([times for times, _ in segments], usual, agreed, evenly)
+    most = max(most, rounded**2)
     told = []
-    for (significance, variance, speed), least in zip(found, accuracy, strict=True):
-        capped = min(variance, most)
+    for each, least in zip(found, accuracy, strict=True):
+        capped = min(each.variance, most)
         # What it does to a sample, while the body moves.
-        if capped * speed >= least**2:
-            told.append((significance**2, capped))
+        if capped * each.speed >= least**2:
+            told.append((each.significance**2, capped))
     weight = math.fsum(each for each, _ in told)
-    if not weight > _SIGNIFICANT**2:
+    if not weight > (_ENOUGH if evenly else _SIGNIFICANT) ** 2:
         return 0.0
     return math.sqrt(math.fsum(each * variance for each, variance in told) / weight)
 
 
-def _of_intervals(times: Sequence[Array], agreed: bool) -> float:
+def _of_intervals(times: Sequence[Array], usual: float, agreed: bool, evenly: bool) -> float:
     """The most that the variance of the stamps can be, s², by their intervals.
 
     White noise of the stamps makes an interval long and the next one short, with the covariance
     ``-σ_t²``; missing samples do not. Where it has none, what looks like noise of the stamps is
     motion that the samples are too rare for. A throttle takes it away, too: it lets a stamp pass so
     long after the last that it let pass, be that late or not. So where positions and orientations
-    have ``agreed`` on the noise it is enough that intervals scatter as much.
+    have ``agreed`` on the noise, or residuals say that samples were taken ``evenly``, it is enough
+    that intervals scatter as much; in the latter case long ones are late, too.
     """
-    usual = float(np.median(np.concatenate([np.diff(each) for each in times])))
-    if usual > _RAREST:
+    if usual > _RAREST and not evenly:
         return 0.0
     offs = [np.clip(np.diff(each) - usual, -usual, _IRREGULAR * usual) for each in times]
     if agreed:
         every = np.concatenate(offs)
+        if evenly:
+            return float((np.minimum(every, usual) ** 2).mean())
         return float((every[every < _NONE_MISSING * usual] ** 2).mean())
     products = -math.fsum(float((off[:-1] * off[1:]).sum()) for off in offs)
     return max(products / max(sum(len(off) - 1 for off in offs), 1), 0.0)
@@ -200,25 +218,45 @@ class _Found(NamedTuple):
     """What a group's residuals show.
 
     ``variance`` of the stamps, s², and its ``significance``, in standard deviations; ``speed``: the
-    mean square of the body's where it moves.
+    mean square of the body's where it moves; ``share``: that of uneven intervals which is the
+    stamps' alone, with its ``scatter``, zero where none tells.
     """
 
     significance: float
     variance: float
     speed: float
+    share: float = 0.0
+    scatter: float = 0.0
+
+    @property
+    def evenly(self) -> float:
+        """How clearly samples were taken at even times, in standard deviations."""
+        return self.share / self.scatter if self.scatter > 0.0 else 0.0
 
 
-def _found(segments: Sequence[tuple[Array, Array]]) -> _Found:
-    """Of ``times`` (n,) and a group's coordinates (n, 3) of each segment."""
-    excess, squares, counts, across = np.array([neighbours(*each) for each in segments]).T
+def _are_right(found: Sequence[_Found]) -> bool:
+    """Whether the residuals say that samples were taken when they are stamped."""
+    known = [each for each in found if each.scatter > 0.0]
+    weights = [each.scatter**-2 for each in known]
+    share = math.fsum(w * each.share for w, each in zip(weights, known, strict=True))
+    total = math.fsum(weights)
+    return total > 0.0 and share + _SURELY * math.sqrt(total) < _LEAST_SHARE * total
+
+
+def _found(segments: Sequence[tuple[Array, Array]], usual: float) -> _Found:
+    """Of ``times`` (n,) and a group's coordinates (n, 3) of each segment; ``usual``: step, s."""
+    sums = np.array([neighbours(*each, usual) for each in segments]).T
+    excess, squares, counts, across, due, scattered, expected = sums
+    whole = max(float(expected.sum()), 1e-300)
+    share, scatter = float(due.sum()) / whole, math.sqrt(float(scattered.sum())) / whole
     # Motion that bends aside is no noise across, which along the motion there were more than of.
     excess += np.minimum(across, 0.0)
     if not squares.sum() > 0.0 or not excess.sum() > max(across.sum(), 0.0):
-        return _Found(0.0, 0.0, 0.0)
+        return _Found(0.0, 0.0, 0.0, share, scatter)
     variance = float(excess.sum() / squares.sum())
     speed = float((squares**2).sum() / (squares * counts).sum())
-    scatter = float(np.sqrt(((excess - variance * squares) ** 2).sum()))
-    return _Found(float(excess.sum()) / max(scatter, 1e-300), variance, speed)
+    off = float(np.sqrt(((excess - variance * squares) ** 2).sum()))
+    return _Found(float(excess.sum()) / max(off, 1e-300), variance, speed, share, scatter)
 
 
 def _agree(segments: Sequence[tuple[Array, Array]]) -> bool:
@@ -235,27 +273,61 @@ def _agree(segments: Sequence[tuple[Array, Array]]) -> bool:
     return same > 0.0 > following
 
 
-def neighbours(times: Array, x: Array) -> tuple[float, float, float, float]:
-    """The excess along the motion, the squared speeds beside it, their number; what is across."""
+class Sums(NamedTuple):
+    """What a segment's residuals add up to.
+
+    ``excess`` along the motion, the squared speeds beside it and their number, what is ``across``;
+    and of residuals times what they would be of samples taken at even times, the sum, the square of
+    its scatter, and what it would be then.
+    """
+
+    excess: float
+    squares: float
+    number: float
+    across: float
+    due: float
+    scattered: float
+    expected: float
+
+
+def neighbours(times: Array, x: Array, usual: float) -> Sums:
+    """Of ``times`` (n,) and a group's coordinates (n, 3); ``usual``: interval, s."""
     if loops.there():
         reach = min(_REACH, (len(times) - 1) // 2)
-        found, work = np.empty(4), np.empty(14 * len(times))
+        found, work = np.empty(len(Sums._fields)), np.empty(14 * len(times))
         place, wide, _ = loops.strided(x)
         loops.call(
-            "stamp_sums", loops.doubles(times), place, wide, len(x), reach, _CLIPPED, work, found
+            "stamp_sums",
+            loops.doubles(times),
+            place,
+            wide,
+            len(x),
+            reach,
+            _CLIPPED,
+            usual,
+            _EVEN,
+            _TOGETHER,
+            work,
+            found,
         )
-        excess, squares, count, lateral = found.tolist()
-        return excess, squares, count, lateral
-    along, across, speed, weight = _residuals(times, x)
+        return Sums(*found.tolist())
+    along, across, speed, weight, even = _residuals(times, x)
     sideways = 0.5 * (across[:-1] * across[1:]).sum(axis=1)
     products = along[:-1] * along[1:] - sideways
     moving = (speed[:-1] > 0.0) & (speed[1:] > 0.0) & (weight > 0.0)
+    longest = np.lib.stride_tricks.sliding_window_view(np.diff(times), len(_NEAR)).max(axis=1)
+    wanted = np.where(longest < _EVEN * usual, usual * speed * even, 0.0)
+    due = along * wanted
+    together = np.add.reduceat(due, np.arange(0, len(due), _TOGETHER))
     # Divided by the weight it would give the bursts, where the weight is small, all the say.
-    return (
+    return Sums(
         float(-products[moving].sum()),
         float((weight * speed[:-1] * speed[1:])[moving].sum()),
         float(moving.sum()),
         float(-sideways[moving].sum()),
+        float(due.sum()),
+        float((together**2).sum()),
+        float((wanted**2).sum()),
     )
 
 
@@ -263,13 +335,15 @@ class _Residuals(NamedTuple):
     """Those of a segment's inner samples from the cubic through their neighbours.
 
     ``along`` the motion (n,) and ``across`` it (n, 3); ``speed`` (n,) of the motion; ``weight``
-    (n - 1,): what of white noise two that follow each other share, with the other sign.
+    (n - 1,): what of white noise two that follow each other share, with the other sign; ``even``
+    (n,): what ``along`` would be at unit speed of samples taken at even times, in intervals.
     """
 
     along: Array
     across: Array
     speed: Array
     weight: Array
+    even: Array
 
 
 def _residuals(times: Array, x: Array) -> _Residuals:
@@ -292,7 +366,8 @@ def _residuals(times: Array, x: Array) -> _Residuals:
     residual *= np.minimum(1.0, limit / np.where(size > 0.0, size, 1.0))[:, None]
     along = (residual * direction).sum(axis=1)
     across = residual - along[:, None] * direction
-    return _Residuals(along, across, speed, weight * scale[:-1] * scale[1:])
+    even = -scale * (shares @ np.array(_NEAR, dtype=np.float64))
+    return _Residuals(along, across, speed, weight * scale[:-1] * scale[1:], even)
 
 
 def _share(apart: Array, j: int) -> Array:

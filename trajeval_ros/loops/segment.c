@@ -46,12 +46,15 @@ static double median(double *values, int64_t n)
     return 0.5 * (values[(n - 1) / 2] + values[n / 2]);
 }
 
-/* Of times (n,) and three coordinates x (n, 3), `wide` numbers from row to row, n >= 5: the excess
- * along the motion, the squared speeds beside it, their number, and what is across: found (4). Single
+/* Of times (n,) and three coordinates x (n, 3), `wide` numbers from row to row, n >= 5, `Sums`: the
+ * excess along the motion, the squared speeds beside it, their number, what is across; what is due at
+ * even times, the square of its scatter, by so many together, and what it would be: found (7). Single
  * residuals count as no more than sqrt(clipped) times the median of their squares; velocities are
- * those between so many samples before and after at most. work (14 n). */
+ * those between so many samples before and after at most; where an interval is no less than `even`
+ * times the usual one, nothing is due. work (14 n). */
 int stamp_sums(const double *times, const double *x, int64_t wide, int64_t n, int64_t reach,
-               double clipped, double *work, double *found)
+               double clipped, double usual, double even, int64_t together, double *work,
+               double *found)
 {
     static const int64_t near[4] = {-2, -1, 1, 2};
     const int64_t m = n - 4;
@@ -95,8 +98,25 @@ int stamp_sums(const double *times, const double *x, int64_t wide, int64_t n, in
         for (int64_t j = 0; j < 3; j++)
             across[3 * k + j] = r[j] - along[k] * velocity[j];
     }
-    for (int64_t i = 0; i < 4; i++)
+    for (int64_t i = 0; i < 7; i++)
         found[i] = 0.0;
+    for (int64_t begin = 0; begin < m; begin += together) {
+        double sum = 0.0;
+        for (int64_t k = begin; k < m && k < begin + together; k++) {
+            double wanted = 0.0, longest = 0.0;
+            for (int64_t j = 0; j < 4; j++) {
+                wanted -= shares[4 * k + j] * (double)near[j];
+                longest = fmax(longest, times[k + j + 1] - times[k + j]);
+            }
+            if (!(longest < even * usual))
+                continue;
+            wanted *= usual * speeds[k] * scales[k];
+            sum += along[k] * wanted;
+            found[6] += wanted * wanted;
+        }
+        found[4] += sum;
+        found[5] += sum * sum;
+    }
     for (int64_t k = 0; k + 1 < m; k++) {
         const double *a = across + 3 * k, *one = shares + 4 * k, *next = one + 4;
         const double lateral = 0.5 * (a[0] * a[3] + a[1] * a[4] + a[2] * a[5]);
