@@ -275,6 +275,28 @@ def test_batches_do_not_matter(fault):
         assert first[name]["log_likelihood"] == expected
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_of_a_body_that_is_told_badly_while_it_is_another_what_follows_is_right(seed):
+    """As where it has fallen: it turns, tumbles in the markers' minds, and is itself again."""
+
+    def fallen(rng, times, poses):
+        poses, another = poses.copy(), (times > 30.0) & (times < 30.4)
+        poses[another, :3, :3] = poses[another, :3, :3] @ np.diag([-1.0, -1.0, 1.0])
+        at_last = np.flatnonzero(another & (times > 30.3))
+        tumbled = se3.exp_so3(rng.normal(size=(len(at_last), 3)))
+        poses[at_last, :3, :3] = poses[at_last, :3, :3] @ tumbled
+        return poses
+
+    profile, ground_truth, estimate = faulty(fallen, seed=seed)
+    summary, stamps, poses = run(ground_truth, estimate)
+    flips = [each for each in summary["ground_truth"]["faults"] if each["code"] == "flip"]
+    assert len(flips) == 1
+    after = stamps > START + 32 * SECOND
+    moved, turned = errors(profile, stamps[after], poses[after])
+    assert moved < 3e-3
+    assert turned < 0.2 * DEGREE
+
+
 @pytest.mark.parametrize("seed", [0, 2, 7])
 def test_a_body_that_turns_while_its_samples_are_late_and_lost_is_no_other_body(seed):
     """Stamped on arrival, of a queue that stalls: where the motion led to is anywhere.

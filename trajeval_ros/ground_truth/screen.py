@@ -133,8 +133,9 @@ class Screen:
         self._jump: jumps.Jump | None = None
         self._held: Samples | None = None
         self._turn = np.eye(4)
+        self._upright = np.eye(4)  # the last pose before it
         self._back = np.eye(4)
-        self._is_moved, self._as_they_come = False, True  # the latter: nor turned
+        self._is_moved, self._is_turned_back, self._as_they_come = False, False, True
         self._places: list[_Place] = []  # oldest first
         self._left = 0  # the one from which the samples have gone on
         self._cut = False
@@ -166,7 +167,13 @@ class Screen:
         rejected: dict[str, int] = {}
         cuts: list[int] = []
         while len(pending):
-            count, repeats = self._unsuspicious(pending[:_AT_ONCE])
+            upright = self._first_upright(pending)
+            if upright == 0:
+                pending = self._as_it_came(pending)
+                passed.append(self._through(pending[:1], cuts))
+                pending = pending[1:]
+                continue
+            count, repeats = self._unsuspicious(pending[: min(_AT_ONCE, upright)])
             if count:
                 passed.append(self._through(pending[:count], cuts))
                 pending = pending[count:]
@@ -198,6 +205,30 @@ class Screen:
         for more in passed[1:]:
             samples = samples + more
         return Screened(samples, rejected, tuple(cuts))
+
+    def _first_upright(self, pending: Samples) -> int:
+        """Of samples that are turned back, the first that came as those before the turn; or all.
+
+        However badly the ones between were told, as of a body that has fallen.
+        """
+        if self._before is None or not self._is_turned_back:
+            return len(pending)
+        poses = np.concatenate([self._before.poses[-1:], pending.poses])
+        came = poses[1:] @ se3.inverse(self._turn)
+        away = _apart(poses[:-1], poses[1:])[:, 1] > _FLIP_AT_ANY_TIME
+        away &= _apart(self._upright[None], poses[1:])[:, 1] > _FLIP_AT_ANY_TIME
+        away &= _apart(self._upright[None], came)[:, 1] < _FLIP
+        found = np.flatnonzero(away)
+        return int(found[0]) if len(found) else len(pending)
+
+    def _as_it_came(self, pending: Samples) -> Samples:
+        """The same turned back no more; nor will those to come be."""
+        pending = _moved(pending, np.eye(4), se3.inverse(self._turn))
+        self._turn = np.eye(4)
+        self._look_how_they_come()
+        stamp = int(pending.stamps[0])
+        self._faults.add("flip", stamp, stamp)
+        return pending
 
     def _through(self, samples: Samples, cuts: list[int]) -> Samples:
         """Let samples through, and be those before the next; note it where a cut is before them."""
@@ -536,13 +567,17 @@ class Screen:
         return int(there[-1]) if len(there) else None
 
     def _look_how_they_come(self) -> None:
-        self._as_they_come = not (self._turn - np.eye(4)).any() and not self._is_moved
+        self._is_turned_back = bool((self._turn - np.eye(4)).any())
+        self._as_they_come = not self._is_turned_back and not self._is_moved
 
     def _turned_back(self, pending: Samples) -> Samples:
         """Turn the samples to where the motion led, those to come as well."""
         there, here = self._led_to(pending.stamps[:1])[0], pending.poses[0]
         more = np.eye(4)
         more[:3, :3] = here[:3, :3].T @ there[:3, :3]
+        if not self._is_turned_back:
+            assert self._before is not None
+            self._upright = self._before.poses[-1]
         # As they came, since what is nearly no turn is none.
         pending = _moved(pending, np.eye(4), se3.inverse(self._turn))
         self._turn = self._turn @ more
