@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.median import median
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Stamps = npt.NDArray[np.int64]
@@ -100,7 +102,7 @@ def pair_nearest(a: Stamps, b: Stamps) -> tuple[Indices, Indices]:
 
 def usual_interval(stamps: Stamps) -> float:
     """The median time between poses, ns; 0 of fewer than two."""
-    return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+    return median(np.diff(stamps)) if len(stamps) > 1 else 0.0
 
 
 def _nearest(of: Stamps, among: Stamps) -> Indices:

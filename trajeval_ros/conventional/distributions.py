@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.median import median
+
 Array = npt.NDArray[np.float64]
 
 CAPACITY = 4096
@@ -89,7 +91,7 @@ def distribution(values: Array, whole: RunningMoments | None = None) -> Distribu
     known = RunningMoments().updated(values) if whole is None else whole
     return Distribution(
         mean=known.mean,
-        median=float(np.median(values)),
+        median=median(values),
         std=math.sqrt(known.variance),
         minimum=known.minimum,
         maximum=known.maximum,

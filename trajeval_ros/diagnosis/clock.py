@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.rotations import FEWEST, SECOND, Array, Stamps, between, pairs
+from trajeval_ros.median import median
 
 # Offsets of the clocks: looked for up to, named from, and only where angular speeds correlate this
 # well and what the correlation lacks of 1 falls to this share.
@@ -27,7 +28,7 @@ def clock_offset(
 
     ``applied`` (s) has been added to the estimate's stamps already.
     """
-    step = float(np.median(np.diff(stamps))) / SECOND
+    step = median(np.diff(stamps)) / SECOND
     if not 0.0 < step <= 0.25:
         return ()
     count = int((stamps[-1] - stamps[0]) / SECOND / step)

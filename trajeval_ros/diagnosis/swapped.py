@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trajeval_ros.diagnosis.rotations import Array, Stamps
+from trajeval_ros.median import median
 
 _WORD = r"(?:gt|ground_?truth|mocap|vicon|optitrack|qualisys|leica|reference)"
 _TRUTH = re.compile(rf"^{_WORD}(?![a-z])|(?<![a-z]){_WORD}$")
@@ -48,7 +49,7 @@ class Given(NamedTuple):
     @property
     def interval(self) -> float:
         """The usual one, ns."""
-        return float(np.median(np.diff(self.stamps)))
+        return median(np.diff(self.stamps))
 
 
 def swapped(truth: Given, estimate: Given) -> str | None:

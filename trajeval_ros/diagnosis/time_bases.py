@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from trajeval_ros.diagnosis.cause import Cause, too_early
 from trajeval_ros.diagnosis.rotations import SECOND, Array, Stamps, between
+from trajeval_ros.median import median
 
 Indices = npt.NDArray[np.intp]
 Speed = Callable[[Array, Indices, Indices], Array]
@@ -122,7 +123,7 @@ def _are_frame_numbers(stamps: Stamps) -> bool:
     """Whole seconds, one after the other, from a small one on."""
     if len(stamps) < 3 or stamps[0] < 0 or stamps[0] > 1e6 * SECOND or (stamps % SECOND).any():
         return False
-    return bool(np.median(np.diff(stamps)) == SECOND)
+    return bool(median(np.diff(stamps)) == SECOND)
 
 
 def _span(stamps: Stamps) -> tuple[float, float]:
@@ -178,7 +179,7 @@ def _by_motion(
 ) -> Iterator[tuple[Found, ...]]:
     """By each of the speeds."""
     spans = [float(stamps[-1] - stamps[0]) / SECOND for stamps in (truth_stamps, estimate_stamps)]
-    step = max(float(np.median(np.diff(s))) / SECOND for s in (truth_stamps, estimate_stamps))
+    step = max(median(np.diff(s)) / SECOND for s in (truth_stamps, estimate_stamps))
     if min(spans) < _LEAST_SPAN or step <= 0.0:
         return
     if min(spans) < _LEAST_COUNT * step or sum(spans) > _MOST_COUNT * step:
@@ -212,7 +213,7 @@ def _sampled(stamps: Stamps, way: Speed, poses: Array, step: float) -> Array:
     speed = way(poses, first, second) / (seconds[second] - seconds[first])
     grid = np.arange(0.0, seconds[-1], step)
     # One wild sample rules no correlation.
-    limit = 5.0 * float(np.median(speed)) + 1e-9
+    limit = 5.0 * median(speed) + 1e-9
     middle = 0.5 * (seconds[first] + seconds[second])
     return np.asarray(np.interp(grid, middle, np.minimum(speed, limit)))
 

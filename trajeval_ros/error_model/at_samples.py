@@ -22,6 +22,7 @@ from trajeval_ros.error_model.fit import ENOUGH, fit
 from trajeval_ros.error_model.independent import independent
 from trajeval_ros.error_model.model import ErrorModel
 from trajeval_ros.error_model.nuisances import Ask, Nuisances, Truth
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -85,8 +86,8 @@ def _at_samples(between: _Between, samples: Stamps, ask: Ask, parts: bool) -> Er
     samples = samples[answered.valid]
     if len(samples) < ENOUGH:
         return None
-    interval = int(np.median(np.diff(samples)))
-    most_scatter = _SCATTER * 1e-9 * float(np.median(np.diff(between.stamps)))
+    interval = int(median(np.diff(samples)))
+    most_scatter = _SCATTER * 1e-9 * median(np.diff(between.stamps))
     poses, covariances = answered.poses[answered.valid], answered.covariances[answered.valid]
     found: ErrorModel | None = None
     middle = 0

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.likelihood.tails import student_quantile
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 
@@ -116,7 +117,7 @@ def _scatter(offset: Array, weight: Array) -> tuple[float, float]:
     apart = np.diff(offset) ** 2 / (1.0 / weight[1:] + 1.0 / weight[:-1])
     told = _OF_NEIGHBOURS * len(apart)
     degrees = _KNOWN + told
-    scatter = (_KNOWN + told * float(np.median(apart)) / _MEDIAN) / degrees
+    scatter = (_KNOWN + told * median(apart) / _MEDIAN) / degrees
     return max(scatter, 1.0), degrees
 
 

@@ -32,6 +32,7 @@ from trajeval_ros.error_model.factored import ROUND_OFF
 from trajeval_ros.error_model.grouped import GroupedSteps
 from trajeval_ros.error_model.process import Kind
 from trajeval_ros.error_model.system import AXES, PREDICTED, System, Told
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 
@@ -104,13 +105,6 @@ class Data:
     def by_group(self) -> Array:
         """Columns of the nuisances and, last, the errors; (2, N, 3, c + 1)."""
         return by_group(self.nuisances, self.errors[..., None])
-
-
-def median(values: Array) -> float:
-    """That of numbers (n,): NumPy's function takes more time for a few hundred than they do."""
-    middle = len(values) // 2
-    parted = np.partition(values, (middle - 1, middle) if len(values) > 1 else 0)
-    return float(parted[middle] if len(values) % 2 else 0.5 * (parted[middle - 1] + parted[middle]))
 
 
 def by_group(*columns: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from trajeval_ros import loops, se3
 from trajeval_ros.alignment.umeyama import align_positions
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -47,7 +48,7 @@ def _speeds(stamps: Stamps, rotation: Array) -> tuple[Array, Array]:
     """Angular speeds (rad/s) between every fourth pose, and when (s after the first)."""
     first, second = np.arange(len(stamps) - 3), np.arange(3, len(stamps))
     length = (stamps[second] - stamps[first]) * 1e-9
-    near = length < 4.0 * np.median(length)
+    near = length < 4.0 * median(length)
     turned = se3.log_so3(np.swapaxes(rotation[first], 1, 2) @ rotation[second])
     middle = (stamps[first] + stamps[second] - 2 * stamps[0]) * 0.5e-9
     speed = np.linalg.norm(turned, axis=1) / np.maximum(length, 1e-9)
@@ -65,7 +66,7 @@ def _offset(stamps: Stamps, estimate: Array, ask: Ask) -> float:
     truth, when_truth = _speeds(kept, reference.poses[good, :3, :3])
     if min(other.std(), truth.std()) < _TURNING:
         return 0.0
-    interval = float(np.median(np.diff(kept))) * 1e-9
+    interval = median(np.diff(kept)) * 1e-9
     steps = np.arange(-int(_LONGEST_OFFSET / interval), int(_LONGEST_OFFSET / interval) + 1)
     if not 3 <= len(steps) < 4000 or when[-1] < 4.0 * _LONGEST_OFFSET:
         return 0.0

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from trajeval_ros import loops
 from trajeval_ros.error_model.process import NUMBERS, Kind
 from trajeval_ros.error_model.series import Series
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 
@@ -85,11 +86,11 @@ def starts(kind: Kind, series: Series) -> list[Array]:
 def structure(series: Series) -> tuple[Array, Array]:
     """Lags, s, and D there less the ground truth's own variance, not below a share of itself."""
     count = series.errors.shape[1]
-    interval = float(np.median(series.intervals))
+    interval = median(series.intervals)
     steps = [1]
     while steps[-1] * _GROWTH < max(_LONGEST * count, 3):
         steps.append(max(steps[-1] + 1, int(steps[-1] * _GROWTH)))
-    known = float(np.median(series.variance))
+    known = median(series.variance)
     times = np.concatenate([[0.0], np.cumsum(series.intervals)])
     raw = _variances(series.errors, times, np.array(steps), _GAP * interval)
     lags = interval * np.array(steps[: len(raw)], float)
@@ -114,7 +115,7 @@ def _variances(errors: Array, times: Array, steps: npt.NDArray[np.int64], gap: f
         squares = squares[times[lag:] - times[:-lag] < gap * lag]
         if not len(squares):
             return found[:i]
-        variance = float(np.median(squares)) / _MEDIAN
+        variance = median(squares) / _MEDIAN
         for _ in range(_CLIPPED):
             variance = float(np.minimum(squares, _RARE * variance).mean()) / 3.0
         found[i] = variance

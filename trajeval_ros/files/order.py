@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trajeval_ros.files.trajectory import Trajectory
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -41,7 +42,7 @@ def ordered(read: Trajectory) -> Trajectory:
     superseded = np.zeros(0, dtype=np.int64)
     if _coarse(read):
         different = np.unique(stamps)
-        resolved = float(np.median(np.diff(different))) / 1e9 if len(different) > 1 else 0.0
+        resolved = median(np.diff(different)) / 1e9 if len(different) > 1 else 0.0
         remarks.append(
             f"stamps resolve only {resolved:g} s, {len(different):,} different ones in"
             f" {len(stamps):,} rows: write them with more digits"
@@ -84,7 +85,7 @@ def _wrong_stamps(stamps: Integers, positions: Array) -> Mask:
     after_it, before_it = before - here.astype(np.float64), here - after.astype(np.float64)
     off = (before <= after) & ((after_it > _OFF) | (before_it > _OFF))
     doubted = np.flatnonzero(off) + 1
-    rest = np.setdiff1d(np.arange(len(stamps)), doubted)
+    rest = np.delete(np.arange(len(stamps)), doubted)
     if len(doubted) == 0 or _steps_back(stamps[rest]):
         return wrong
     place = np.searchsorted(stamps[rest], stamps[doubted])

@@ -9,6 +9,7 @@ from trajeval_ros import se3
 from trajeval_ros.files.order import ordered
 from trajeval_ros.files.text import Table
 from trajeval_ros.files.trajectory import Trajectory, TrajectoryFileError
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -82,7 +83,7 @@ def _normalised(quaternions: Array) -> tuple[Array, tuple[str, ...]]:
     known = norms[np.isfinite(norms) & (norms > 0.0)]
     if len(known) < _FEWEST:
         return quaternions, ()
-    norm = float(np.median(known))
+    norm = median(known)
     alike = np.abs(norms / norm - 1.0) <= _ALIKE
     if abs(norm - 1.0) <= _ALIKE or int(alike.sum()) < _MOST * len(known):
         return quaternions, ()

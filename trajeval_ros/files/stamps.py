@@ -10,6 +10,7 @@ import numpy.typing as npt
 from trajeval_ros.files.plain import Written, as_digits, scaled
 from trajeval_ros.files.text import Table, shown
 from trajeval_ros.files.trajectory import TrajectoryFileError
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -75,23 +76,23 @@ def _unit(values: Array, exponent: int) -> int:
         return exponent
     # Of stamps that are none it may be beyond a double.
     with np.errstate(over="ignore"):
-        median = float(np.median(values))
-    if not _impossible(values, median, exponent):
+        usual = median(values)
+    if not _impossible(values, usual, exponent):
         return exponent
     for unit in _UNITS:
         seconds = 10.0 ** (unit - 9)
-        if _EPOCH[0] <= median * seconds <= _EPOCH[1] and _is_step(values, seconds):
+        if _EPOCH[0] <= usual * seconds <= _EPOCH[1] and _is_step(values, seconds):
             return unit
     return exponent
 
 
-def _impossible(values: Array, median: float, exponent: int) -> bool:
+def _impossible(values: Array, usual: float, exponent: int) -> bool:
     """Whether stamps cannot be in that unit."""
     if exponent == SECONDS:
-        return median >= _LARGEST_SECONDS
+        return usual >= _LARGEST_SECONDS
     # Whole numbers that are no count since 1970 may be one since a start.
     parts = bool((values != np.rint(values)).any())
-    return (parts and median < 1e11) or not _is_step(values, 10.0 ** (exponent - 9))
+    return (parts and usual < 1e11) or not _is_step(values, 10.0 ** (exponent - 9))
 
 
 def _is_step(values: Array, seconds: float) -> bool:
@@ -99,7 +100,7 @@ def _is_step(values: Array, seconds: float) -> bool:
     with np.errstate(over="ignore"):
         steps = np.abs(np.diff(values))
     steps = steps[steps > 0]
-    return len(steps) == 0 or _SHORTEST_STEP <= float(np.median(steps)) * seconds <= _LONGEST_STEP
+    return len(steps) == 0 or _SHORTEST_STEP <= median(steps) * seconds <= _LONGEST_STEP
 
 
 def _decimal_nanoseconds(table: Table, index: int, exponent: int) -> int:

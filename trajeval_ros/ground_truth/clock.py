@@ -40,6 +40,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from trajeval_ros.median import median
+
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 Counts = npt.NDArray[np.int64]
@@ -193,7 +195,7 @@ def lower_hull(x: Array, y: Array) -> Counts:
 
 def drawn(seconds: Array) -> tuple[Line, Sums] | None:
     """The line that the stamps ``seconds`` (n,) tell best, with what it is told by; or None."""
-    interval = float(np.median(np.diff(seconds)))
+    interval = median(np.diff(seconds))
     late = seconds - interval * np.arange(len(seconds))
     if np.ptp(late) <= max(_EXACT * interval, _SHORT):
         return None  # so regular as they are: no delay matters
@@ -202,7 +204,7 @@ def drawn(seconds: Array) -> tuple[Line, Sums] | None:
         if step >= len(seconds):
             break
         # The more intervals together, the better is the period known, and the fewer are complete.
-        period = float(np.median(seconds[step:] - seconds[:-step])) / step
+        period = median(seconds[step:] - seconds[:-step]) / step
         line, size = Line(float(seconds[0]), period), _SEED * step
         while size < 2 * len(seconds):
             line = _redrawn(_redrawn(line, period, seconds[:size]), period, seconds[:size])
@@ -431,7 +433,7 @@ class RegularClock:
         self._recall(stamps)
         seconds = _seconds(stamps, self._base)
         steps = np.diff(counts)
-        rare = float(np.median(steps)) > 1.0
+        rare = median(steps) > 1.0
         if rare or float((steps < 1).mean()) > _REFUTED:
             self._draw(stamps)
             return

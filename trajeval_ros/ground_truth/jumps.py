@@ -19,6 +19,7 @@ import numpy.typing as npt
 from trajeval_ros import loops, se3
 from trajeval_ros.ground_truth.segment import Samples
 from trajeval_ros.ground_truth.ticks import middle
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
@@ -148,7 +149,7 @@ class _Steps(NamedTuple):
         """Whether the first one is clear, and larger than most ``earlier`` ones."""
         alike = earlier.speeds >= _AS_FAST * float(self.speeds[0])
         return self.is_clear(_TIMES_USUAL) and bool(
-            alike.any() and self.sizes[0] > _TIMES_USUAL * np.median(earlier.sizes[alike])
+            alike.any() and self.sizes[0] > _TIMES_USUAL * median(earlier.sizes[alike])
         )
 
     def stands_out(self, earlier: _Steps, enough: float) -> bool:

@@ -18,6 +18,7 @@ from trajeval_ros.ground_truth.process import Process
 from trajeval_ros.ground_truth.regimes import Learned
 from trajeval_ros.ground_truth.segment import Segment
 from trajeval_ros.ground_truth.stamps import rounding, stamp_noise
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 
@@ -246,7 +247,7 @@ def _is_new(segment: Segment) -> bool:
 def _regular(segments: Sequence[Segment]) -> bool:
     """Whether hardly an interval is shorter than the usual one."""
     intervals = np.concatenate([np.diff(segment.times) for segment in segments])
-    return float(np.mean(intervals < _SHORT * np.median(intervals))) <= _OFTEN
+    return float(np.mean(intervals < _SHORT * median(intervals))) <= _OFTEN
 
 
 def _evenly(segment: Segment) -> slice:

@@ -27,6 +27,7 @@ from trajeval_ros.ground_truth.kernels import (
     Matern72,
     SquaredExponential,
 )
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Bounds = list[tuple[float, float]]
@@ -47,7 +48,7 @@ class Grid(NamedTuple):
         times: Sequence[Array], values: Sequence[Array], noise_std: float, soft_limit: float
     ) -> Grid:
         """Describe segments: ``times`` (n,) s and ``values`` (n, c) of each."""
-        interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
+        interval = median(np.concatenate([np.diff(t) for t in times]))
         centred = np.concatenate([v - v[0] for v in values])
         spread = max(math.sqrt(float(np.mean(centred**2))), 10.0 * noise_std, 1e-9)
         return Grid(interval, spread, min(noise_std, 1e-5), soft_limit)

@@ -30,6 +30,7 @@ import numpy.typing as npt
 
 from trajeval_ros import loops
 from trajeval_ros.ground_truth.ticks import coarsest, middle, on_even_clock
+from trajeval_ros.median import median
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -125,7 +126,7 @@ def rounding(stamps: Sequence[Stamps], segments: Sequence[tuple[Array, Array]]) 
     if not len(stamps):
         return Rounding(0.0)
     steps = np.concatenate([np.diff(each) for each in stamps])
-    usual = float(np.median(steps))
+    usual = median(steps)
     tick = coarsest(np.concatenate(stamps), usual)
     uneven = np.abs(steps - usual) > 0.5 * tick
     if not tick or uneven.mean() < _UNEVEN:
@@ -171,7 +172,7 @@ def stamp_noise(
     if sum(len(times) >= _FEWEST_SAMPLES for times, _ in segments) < _FEWEST_SEGMENTS:
         return 0.0
     enough = [(times, x) for times, x in segments if len(times) >= _FEWEST_SAMPLES]
-    usual = float(np.median(np.concatenate([np.diff(times) for times, _ in segments])))
+    usual = median(np.concatenate([np.diff(times) for times, _ in segments]))
     found = [_found([(t, x[:, 3 * g : 3 * g + 3]) for t, x in enough], usual) for g in (0, 1)]
     evenly = math.hypot(*(max(each.evenly, 0.0) for each in found)) > _SIGNIFICANT
     if usual > _RARE and _are_right(found):

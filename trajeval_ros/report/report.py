@@ -16,6 +16,7 @@ from trajeval_ros.conventional.sub_trajectories import Box
 from trajeval_ros.diagnosis.cause import Cause
 from trajeval_ros.diagnosis.causes import likely_causes
 from trajeval_ros.diagnosis.fitted import fitted_causes, together
+from trajeval_ros.median import median
 from trajeval_ros.online.coverage import Way
 from trajeval_ros.online.results import Notice, Results
 from trajeval_ros.report.coverage import Coverage
@@ -176,7 +177,7 @@ def _causes_of(
     poses: Records, parameters: Mapping[str, Any], model: Mapping[str, Any] | None
 ) -> tuple[Cause, ...]:
     known = np.trace(poses["covariance"], axis1=1, axis2=2)
-    good = known < 10.0 * np.median(known) if len(known) else np.empty(0, bool)
+    good = known < 10.0 * median(known) if len(known) else np.empty(0, bool)
     chosen = poses[good]
     numbers = np.array(parameters["extrinsic"])
     extrinsic = se3.from_position_quaternion(numbers[:3], numbers[3:])

@@ -26,6 +26,7 @@ from trajeval_ros.diagnosis.fitted import (
     told_lever_arm,
 )
 from trajeval_ros.error_model.nuisances import Ask, Nuisances
+from trajeval_ros.median import median
 from trajeval_ros.online.results import Evaluations
 from trajeval_ros.online.settings import EvaluationSettings
 from trajeval_ros.runs.corrections import extrinsic_of
@@ -86,8 +87,8 @@ def with_headline(
         "without": without,
         "worst": worst,
         "ground_truth": {
-            "translation_std": float(np.median(stds[0])),
-            "rotation_std": None if summary.get("position_only") else float(np.median(stds[1])),
+            "translation_std": median(stds[0]),
+            "rotation_std": None if summary.get("position_only") else median(stds[1]),
             "share_in_gaps": 1.0 - len(truth.stamps) / len(evaluations),
         },
     }
