@@ -262,6 +262,30 @@ def test_a_wander_that_the_run_is_too_short_for_is_a_drift_so_far():
     assert re.search(r"wander so far a drift of 2[\d.]+ ± [\d.]+ mm/√s, 0.5\d+ ±", kind)
 
 
+@pytest.mark.parametrize("copied", ["orientations", "positions"])
+def test_an_estimate_with_a_half_that_is_a_copy_of_the_ground_truth_has_a_model(copied):
+    """Any nuisances make errors larger that are round-off, and nobody is misled by those."""
+    stamps, poses = estimate(Kind.DRIFT, DRIFT)
+    truth = ask(stamps).poses
+    if copied == "orientations":
+        poses[:, :3, :3] = truth[:, :3, :3]
+    else:
+        poses[:, :3, 3] = truth[:, :3, 3]
+    found = fit(stamps, poses, ask)
+    assert found is not None
+    assert (np.abs(nuisance_scores(found, Nuisances.none())) < 4.0).all()
+
+
+def test_bounds_stay_as_they_are():
+    stamps, poses = estimate(Kind.DRIFT, DRIFT)
+    problem, none = _Problem(stamps, poses, ask, None), Nuisances.none()
+    data, _ = problem._prepared(none, near=True, part=True)
+    before = [each.copy() for each in bounds(Kind.DRIFT, data)]
+    problem.without_drift(none)
+    for each, expected in zip(bounds(Kind.DRIFT, data), before, strict=True):
+        np.testing.assert_array_equal(each, expected)
+
+
 def test_too_few_poses_and_no_ground_truth_have_no_model():
     stamps, poses = estimate(Kind.DRIFT, DRIFT, count=ENOUGH - 1)
     assert fit(stamps, poses, ask) is None

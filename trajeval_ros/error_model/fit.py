@@ -43,6 +43,7 @@ from trajeval_ros.error_model.stamping import (
     with_scatter,
 )
 from trajeval_ros.error_model.start import start
+from trajeval_ros.error_model.system import AXES
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -75,9 +76,11 @@ _FARTHEST = np.log(2.0)
 # Nuisances that are there leave smaller errors, or not much larger ones. Those that make the mean
 # square of how errors change so many times larger, over 16, 64 ... poses, are none, as of jitter
 # that is about another point of the body: a lever arm to there is likely, and a drift makes up for
-# it.
-_LARGER = 4.0
+# it. Changes of less than a tenth of the ground truth's own uncertainty say nothing: orientations
+# may be copies of its own.
+_LARGER, _NOTHING = 4.0, 0.1
 _FIRST_LAG, _NEXT_LAG, _LAST_SHARE = 16, 4, 4
+_TINY = np.finfo(np.float64).tiny
 # The maximum is found where another step gains less than this, nats, or after so many steps.
 _GAIN = 5e-3
 _STEPS = 25
@@ -163,9 +166,9 @@ def _with_scatter(
 
 def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
     """The maximum, from ``nuisances``; None where there is none."""
-    least = problem.errors(nuisances)
+    least, nothing = problem.errors(nuisances), problem.nothing(nuisances)
     moved, drift = problem.improved(nuisances, Kind.DRIFT, None, coarse=True)
-    misled = _is_larger(problem.errors(moved), least)
+    misled = _is_larger(problem.errors(moved), least, nothing)
     if misled:
         drift = problem.without_drift(nuisances)
     else:
@@ -180,7 +183,7 @@ def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
         if _has_run_away(here):
             return None
         is_near = abs(np.log(moved.scale / nuisances.scale)) < _FARTHEST
-        if is_near and not _is_larger(here.data.errors, least):
+        if is_near and not _is_larger(here.data.errors, least, nothing):
             # The others are behind by as much as they were where all three were found.
             ahead = _nats_per_pose(here) - candidates[best].nats_per_pose
             alternatives = {kind: each.nats_per_pose + ahead for kind, each in candidates.items()}
@@ -189,15 +192,18 @@ def _found(problem: _Problem, nuisances: Nuisances) -> _Found | None:
     return None
 
 
-def _is_larger(errors: Array, others: Array) -> bool:
-    """Whether errors (n, 6) change by much more than others (m, 6), in positions or rotations."""
+def _is_larger(errors: Array, others: Array, nothing: Array) -> bool:
+    """Whether errors (n, 6) change by much more than others (m, 6), in positions or rotations.
+
+    nothing: (2,), the mean square of changes that say nothing.
+    """
     lag, last = _FIRST_LAG, min(len(errors), len(others)) // _LAST_SHARE
     while lag <= last:
         size, other = (
             np.square(each[lag:] - each[:-lag]).mean(axis=0).reshape(2, 3).sum(axis=1)
             for each in (errors, others)
         )
-        if (size > _LARGER * other).any():
+        if (size > _LARGER * np.maximum(other, nothing)).any():
             return True
         lag *= _NEXT_LAG
     return False
@@ -316,9 +322,10 @@ class _Problem:
     def without_drift(self, nuisances: Nuisances) -> Guess:
         """The maximum at these nuisances that is near jitter alone."""
         data, gauge = self._prepared(nuisances, near=True, part=True)
-        begin, _ = bounds(Kind.DRIFT, data)
+        begin = bounds(Kind.DRIFT, data)[0].copy()
         steps = np.square(np.diff(data.errors, axis=0)).reshape(-1, 2, 3)
-        begin[:, 0] = 0.5 * np.log(0.5 * np.median(steps, axis=0).mean(axis=1))
+        jitter = 0.5 * np.median(steps, axis=0).mean(axis=1)
+        begin[:, 0] = np.maximum(begin[:, 0], 0.5 * np.log(np.maximum(jitter, _TINY)))
         none = np.zeros(COUNT), np.eye(COUNT)
         guess = Guess(Kind.DRIFT, begin, data.measured, data.moved, *none)
         return search(Kind.DRIFT, data, gauge, _COARSE, guess)
@@ -326,6 +333,11 @@ class _Problem:
     def errors(self, nuisances: Nuisances) -> Array:
         """With these taken off, (n, 6)."""
         return self._prepared(nuisances, near=True)[0].errors
+
+    def nothing(self, nuisances: Nuisances) -> Array:
+        """Mean squares of changes, of positions and rotations, that say nothing; (2,)."""
+        known = self._prepared(nuisances, near=True)[0].known
+        return np.asarray(2.0 * AXES * (_NOTHING * known) ** 2)
 
     def candidates(self, nuisances: Nuisances, drift: Guess) -> dict[Kind, _Candidate]:
         """Each process near its maximum; the ones that have none are left out."""

@@ -89,6 +89,8 @@ def bounds(kind: Kind, data: Data) -> tuple[Array, Array]:
         low.append([math.log(least[name]) for name in kind.names])
         high.append([math.log(most.get(name, LARGEST_STD)) for name in kind.names])
     found = data.bounds[kind] = np.array(low), np.array(high)
+    for each in found:
+        each.flags.writeable = False  # whoever asks next is given the same
     return found
 
 
