@@ -430,7 +430,8 @@ def test_asking_for_figures_on_the_way_changes_none(covariance):
     assert_same_summary(asked.summary(), left_alone.summary())
 
 
-def test_where_poses_come_a_few_at_a_time_no_notice_is_lost():
+@pytest.mark.parametrize("has_clock", [True, False])
+def test_where_poses_come_a_few_at_a_time_no_notice_is_lost(has_clock):
     run = simulated(47, 14.0)
     whole, live = Engine({}), Engine({})
     expected = list(feed(whole, run.ground_truth, run.estimate))
@@ -441,7 +442,9 @@ def test_where_poses_come_a_few_at_a_time_no_notice_is_lost():
         for arriving, add in topics:
             first, last = np.searchsorted(arriving.stamps, [now, now + SECOND // 20])
             add(arriving[first:last])
-        found.append(live.advance_all(now + SECOND // 20, 500)["estimate"])
+        clock = now + SECOND // 20 if has_clock else None
+        found.append(live.advance_all(clock, 500)["estimate"])
+    assert any(each.notices for each in found)  # not all at the end
     ended = whole.finish(), live.finish()
     codes = [
         {notice.code for each in (*results, last) for notice in each.notices}

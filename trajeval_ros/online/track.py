@@ -113,7 +113,8 @@ class Track:
         self._doubts = CovarianceDoubts()
         self._announced: set[str] = set()
         self._next_alignment = ENOUGH_TO_ALIGN
-        self._looked_for_news, self._wants_news = -_NEWS_PERIOD, True
+        self._looked_for_news: list[int | None] = [None, None]
+        self._wants_news = True
         self._begin = begin
         self._presence = Presence()
         self.lacks_orientation = False
@@ -185,12 +186,10 @@ class Track:
     def advance(self, now: int | None, most: int | None = None) -> Question:
         """Choose what can be evaluated, ``most`` poses, after the ground truth was told the time.
 
-        With ``most`` there are notices once a second of ``now``, and else at each call.
+        With ``most`` there are notices once a second of ``now``, or of stamps; else at each call.
         What the ground truth is to be asked; :meth:`score` takes the answer.
         """
-        self._wants_news = most is None
-        if now is not None and abs(now - self._looked_for_news) >= _NEWS_PERIOD:
-            self._wants_news, self._looked_for_news = True, now
+        self._wants_news = most is None or self._is_time_for_news(now)
         if now is not None:
             certain = now - self._timing.max_wait
             self._append(self._estimates.confirm(certain - self._settings.time_offset))
@@ -200,6 +199,20 @@ class Track:
         question = self._choose(min(count, count if most is None else most))
         self._forget()
         return question
+
+    def _is_time_for_news(self, now: int | None) -> bool:
+        """Whether a second has gone by; without ``now``, as where a node is behind, by stamps."""
+        times = [now, self._newest_estimate]
+        before = self._looked_for_news
+        due = any(
+            time is not None and (last is None or abs(time - last) >= _NEWS_PERIOD)
+            for time, last in zip(times, before, strict=True)
+        )
+        if due:
+            self._looked_for_news = [
+                last if time is None else time for time, last in zip(times, before, strict=True)
+            ]
+        return due
 
     def finish(self) -> Question:
         """Choose all that is pending, after the ground truth has been concluded."""
