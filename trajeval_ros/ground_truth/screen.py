@@ -167,13 +167,13 @@ class Screen:
         rejected: dict[str, int] = {}
         cuts: list[int] = []
         while len(pending):
-            upright = self._first_upright(pending)
+            upright = self._first_upright(pending[:_AT_ONCE])
             if upright == 0:
                 pending = self._as_it_came(pending)
                 passed.append(self._through(pending[:1], cuts))
                 pending = pending[1:]
                 continue
-            count, repeats = self._unsuspicious(pending[: min(_AT_ONCE, upright)])
+            count, repeats = self._unsuspicious(pending[:upright])
             if count:
                 passed.append(self._through(pending[:count], cuts))
                 pending = pending[count:]
