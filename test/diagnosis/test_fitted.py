@@ -152,6 +152,12 @@ def test_what_nobody_could_set_is_none(of, inside):
     assert "lever arm" in beyond_doubt(model)
 
 
+@pytest.mark.parametrize(("size", "beyond"), [(4e-4, False), (6e-4, True)])
+def test_nor_is_a_lever_arm_that_positions_alone_tell(size, beyond):
+    arm = {"value": [size, 0.0, 0.0], "std": [1e-6, 1e-6, 1e-6]}
+    assert lever_arm_is_beyond_doubt(arm) == beyond
+
+
 @pytest.mark.parametrize(
     ("offset", "text"),
     [(0.00868, "stamps are 8.7 ± 0.3 ms too early"), (-18.0, "stamps are 18 s too late")],

@@ -138,7 +138,8 @@ def told_lever_arm(
 def lever_arm_is_beyond_doubt(arm: Mapping[str, Any]) -> bool:
     """Whether the lever arm that positions alone tell differs from nothing, as `beyond_doubt`."""
     pairs = zip(*_of(arm), strict=True)
-    return any(abs(value) > _APART * std for value, std in pairs if std <= _SEEN["x"])
+    is_told = any(abs(value) > _APART * std for value, std in pairs if std <= _SEEN["x"])
+    return is_told and shown_of_lever_arm(arm)[0] > _OF_A_SAMPLE["length"]
 
 
 def shown_of_lever_arm(arm: Mapping[str, Any]) -> tuple[float, float, tuple[str, ...]]:
