@@ -43,8 +43,8 @@ def loaded() -> None:
 def give_back() -> None:
     """What a process of ours has free goes back to the system: after what took much, and is rare.
 
-    A node that has written its results holds half as much again for the next ones, in holes that
-    grow with the largest of them. Some milliseconds.
+    A node that has written its results keeps what these took, some MB, for the next ones: in holes
+    that grow with the largest of them. Some milliseconds.
     """
     if gc.get_threshold()[0] == _OBJECTS:
         _trim()
