@@ -320,3 +320,17 @@ def test_a_leap_to_a_pose_that_the_ground_truth_loses_stays_one():
     measured, moved = _carried((poses, steps), before, now)
     np.testing.assert_array_equal(measured[:, 0], [1.0, 1.0, 1.0, 5.0, 1.0])
     np.testing.assert_array_equal(moved, [[1.0, 1.0], [1.0, 1.0], [7.0, 1.0], [1.0, 1.0]])
+
+
+def test_what_nuisances_gain_is_what_the_likelihood_lacks_without_them():
+    """The alignment is another one then: of a wander it is among what is fitted."""
+    stamps, poses = estimate(Kind.WANDER, WANDER, Nuisances(0.01, 0.0, np.eye(4), 1.0))
+    found = fit(stamps, poses, ask)
+    assert found.kind is Kind.WANDER
+    parameters = np.log([[each.value for each in found.groups[g].values()][:3] for g in GROUPS])
+    data, gauge = _Problem(stamps, poses, ask, None)._prepared(Nuisances.none())
+    without = Likelihood(found.kind, parameters, data, gauge)
+    theta = without.theta[: len(NAMES)]
+    own = without.theta_covariance[: len(NAMES), : len(NAMES)]
+    lacks = found.log_likelihood - without.at_theta + 0.5 * theta @ np.linalg.solve(own, theta)
+    assert found.log_likelihood - found.uncorrected == pytest.approx(lacks, rel=0.2)

@@ -65,14 +65,14 @@ def described(
     step, covariance = shown(here.theta, own, np.exp(2.0 * here.parameters[:, 0]), data, here.gauge)
     low, high = (each.ravel() for each in bounds(here.kind, data))
     converged = promised(here, low, high) < UNFINISHED and (step**2 < np.diag(covariance)).all()
+    told = np.linalg.inv(covariance)
     covariance = covariance * inflation * inflation[:, None]
     clocks = _clock_by_group(nuisances, here, float(inflation[0])) if parts else ()
     nuisances = nuisances.moved(step)
     std = np.sqrt(np.diag(covariance))
     stretches = _stretches(stamps, nuisances, columns, white, std, own) if parts else []
     whiteness = np.array([autocorrelation(part, _LAGS) for part in (white[:, :3], white[:, 3:])])
-    theta = np.concatenate([nuisances.vector, np.zeros(len(here.theta) - COUNT)])
-    nats = reached(here)
+    theta, nats = nuisances.vector, reached(here)
     return ErrorModel(
         here.kind,
         _groups(here, blocks),
@@ -81,7 +81,8 @@ def described(
         unobserved(covariance),
         here.count,
         nats,
-        nats - 0.5 * float(theta @ np.linalg.inv(own) @ theta),
+        # Without them the alignment, and what the motion does not show, are others.
+        nats - 0.5 * float(theta @ told @ theta),
         float((white**2).mean()),
         whiteness,
         _jumps(stamps, here),
