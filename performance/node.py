@@ -186,7 +186,10 @@ def delays(traffic: Traffic, folder: Path) -> tuple[Passed, Array]:
 
 
 def readiness() -> float:
-    """Return how long after its start the evaluator receives (s)."""
+    """Return how long after its start the evaluator receives (s).
+
+    Every other time discovery takes two seconds more, of any node.
+    """
     with Child("performance.traffic", "meet") as publisher:
         publisher.line()
         time.sleep(1.0)
@@ -221,7 +224,7 @@ def further_targets() -> Iterator[Target]:
     with tempfile.TemporaryDirectory() as name:
         yield from _costs("at 100 Hz and 20 Hz: ", SLOW, _compared(SLOW, 1, Path(name)), None)
         fast = [evaluator(FAST, Path(name))]
-    yield at_most("ready to receive after, s", min(readiness() for _ in range(3)), 1.0, ".2f")
+    yield at_most("ready to receive after, s", min(readiness() for _ in range(8)), 1.0, ".2f")
     title = "at 10 kHz and 1 kHz for 60 s: "
     yield at_most(f"{title}messages lost by the evaluator", _lost(fast, FAST), 0, ".0f")
     yield _rejected(fast, title)
