@@ -28,8 +28,26 @@ _MOST_INTERVALS = 512
 # A way is measured from one point to the next this many standard deviations of a sample away, so
 # that a robot that stands goes nowhere; what noise adds to a step of this length is a hundredth.
 _STEP = 10.0
-# Samples and poses wait for each other: so many cost hardly more than one.
 _TOGETHER = 256
+
+
+class _Waiting:
+    """Rows that wait for more: so many cost hardly more than one."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[npt.NDArray[Any], ...]] = []
+        self._count = 0
+
+    def add(self, *columns: npt.NDArray[Any]) -> bool:
+        """Take rows, (n, ...) of each column; say whether there are enough."""
+        self._parts.append(columns)
+        self._count += len(columns[0])
+        return self._count >= _TOGETHER
+
+    def taken(self) -> list[npt.NDArray[Any]]:
+        """The columns of all rows, which wait no longer; none of no rows."""
+        parts, self._parts, self._count = self._parts, [], 0
+        return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
 class Odometer:
@@ -49,8 +67,7 @@ class Odometer:
         self._used = 0
         self._last: tuple[int, Array] | None = None
         self._length = 0.0
-        self._waiting: list[tuple[Stamps, Array]] = []
-        self._number_waiting = 0
+        self._waiting = _Waiting()
 
     @property
     def length(self) -> float:
@@ -60,18 +77,14 @@ class Odometer:
 
     def add(self, stamps: Stamps, positions: Array) -> None:
         """Take ``stamps`` (n,), later than all before, and the ``positions`` (n, 3) there."""
-        if not len(stamps):
-            return
-        self._waiting.append((stamps, positions))
-        self._number_waiting += len(stamps)
-        if self._number_waiting >= _TOGETHER:
+        if len(stamps) and self._waiting.add(stamps, positions):
             self._take_in()
 
     def _take_in(self) -> None:
-        if not self._waiting:
+        waited = self._waiting.taken()
+        if not waited:
             return
-        stamps, positions = (np.concatenate(parts) for parts in zip(*self._waiting, strict=True))
-        self._waiting, self._number_waiting = [], 0
+        stamps, positions = waited
         self._last = int(stamps[-1]), positions[-1].copy()
         if self._anchor is None:
             self._anchor = positions[0].copy()
@@ -175,8 +188,7 @@ class Presence:
         self.last: int | None = None
         self._counts = np.zeros(_BINS, dtype=np.int64)
         self._longest: Stamps = np.empty((0, 2), dtype=np.int64)
-        self._waiting: list[Stamps] = []
-        self._number_waiting = 0
+        self._waiting = _Waiting()
         self._counted: int | None = None  # the newest that does not wait
 
     def add(self, stamps: Stamps) -> None:
@@ -191,17 +203,16 @@ class Presence:
             return
         self.first = int(stamps[0]) if self.first is None else self.first
         self.last = int(stamps[-1])
-        self._waiting.append(stamps)
-        self._number_waiting += len(stamps)
-        if self._number_waiting >= _TOGETHER:
+        if self._waiting.add(stamps):
             self._take_in()
 
     def _take_in(self) -> None:
-        if not self._waiting:
+        waited = self._waiting.taken()
+        if not waited:
             return
         before = [] if self._counted is None else [np.array([self._counted])]
-        ends = np.concatenate([*before, *self._waiting])
-        self._waiting, self._number_waiting, self._counted = [], 0, int(ends[-1])
+        ends = np.concatenate([*before, *waited])
+        self._counted = int(ends[-1])
         steps = np.diff(ends)
         bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(steps, 1))).astype(np.int64)
         self._counts += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
