@@ -247,6 +247,8 @@ def test_an_interruption_that_rclpy_makes_another_error_of_is_one(
     monkeypatch.setattr(demo, "demo", takes_a_message)
     monkeypatch.setattr(demo, "_interruptions", [])
     try:
+        # A shell's background job, and its children, ignore it from the start.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         assert demo.main([]) == 130
     finally:
         for number, handler in before.items():
