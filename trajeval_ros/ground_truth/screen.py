@@ -169,7 +169,7 @@ class Screen:
         while len(pending):
             upright = self._first_upright(pending[:_AT_ONCE])
             if upright == 0:
-                pending = self._as_it_came(pending)
+                pending = self._turned_by(pending, np.eye(4))
                 passed.append(self._through(pending[:1], cuts))
                 pending = pending[1:]
                 continue
@@ -220,15 +220,6 @@ class Screen:
         away &= _apart(self._upright[None], came)[:, 1] < _FLIP
         found = np.flatnonzero(away)
         return int(found[0]) if len(found) else len(pending)
-
-    def _as_it_came(self, pending: Samples) -> Samples:
-        """The same turned back no more; nor will those to come be."""
-        pending = _moved(pending, np.eye(4), se3.inverse(self._turn))
-        self._turn = np.eye(4)
-        self._look_how_they_come()
-        stamp = int(pending.stamps[0])
-        self._faults.add("flip", stamp, stamp)
-        return pending
 
     def _through(self, samples: Samples, cuts: list[int]) -> Samples:
         """Let samples through, and be those before the next; note it where a cut is before them."""
@@ -578,13 +569,18 @@ class Screen:
         if not self._is_turned_back:
             assert self._before is not None
             self._upright = self._before.poses[-1]
+        turn = self._turn @ more
+        if np.linalg.norm(se3.log_so3(turn[:3, :3])) < _TURNED_BACK:
+            turn = np.eye(4)
+        return self._turned_by(pending, turn)
+
+    def _turned_by(self, pending: Samples, turn: Array) -> Samples:
+        """Turn the samples by this, in the place of what they have been, those to come as well."""
         # As they came, since what is nearly no turn is none.
         pending = _moved(pending, np.eye(4), se3.inverse(self._turn))
-        self._turn = self._turn @ more
-        if np.linalg.norm(se3.log_so3(self._turn[:3, :3])) < _TURNED_BACK:
-            self._turn = np.eye(4)
+        self._turn = turn
         self._look_how_they_come()
-        pending = _moved(pending, np.eye(4), self._turn)
+        pending = _moved(pending, np.eye(4), turn)
         stamp = int(pending.stamps[0])
         self._faults.add("flip", stamp, stamp)
         return pending
